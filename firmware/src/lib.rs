@@ -1,0 +1,2 @@
+//! Everything a Parfocal board decides: sans-IO, deterministic, without allocation.
+#![no_std]

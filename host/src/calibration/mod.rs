@@ -1,0 +1,1 @@
+//! From pixels to every manipulator: frames of reference, robust solvers, registration.

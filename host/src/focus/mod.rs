@@ -1,0 +1,1 @@
+//! Focus measures: how sharp a grey picture is.

@@ -1,0 +1,9 @@
+//! Parfocal's host library: it measures focus in camera frames and streams it to the board, calibrates camera and
+//! manipulators, and finds pipette tips. The command `parfocal` is built on it.
+
+pub mod calibration;
+pub mod focus;
+pub mod frames;
+pub mod link;
+pub mod picture;
+pub mod tip;

@@ -1,0 +1,42 @@
+//! The command `parfocal`. Exit codes: 0 done, 1 refused or failed, 2 bad usage.
+
+mod cmd;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+/// Open control of motorised microscopes and micromanipulators.
+#[derive(Debug, Parser)]
+#[command(name = "parfocal", version, arg_required_else_help = true)]
+struct Arguments {
+    /// One JSON object on stdout; text and progress on stderr
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: cmd::Command,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let out = cmd::Output { json: arguments.json };
+    match cmd::run(arguments.command, out) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("parfocal: {error:#}");
+            if out.json {
+                println!("{}", serde_json::json!({ "error": format!("{error:#}") }));
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A reader that went away (`parfocal … | head`) is no failure.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let io = cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
+        let json = cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind);
+        io.or(json) == Some(std::io::ErrorKind::BrokenPipe)
+    })
+}

@@ -1,0 +1,1 @@
+//! Detection of micropipette tips in camera frames.

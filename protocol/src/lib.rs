@@ -1,0 +1,2 @@
+//! What a Parfocal board and its host say to each other.
+#![no_std]
