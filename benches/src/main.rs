@@ -1,0 +1,19 @@
+//! The benches' own program; `cargo xtask bench NAME …` builds it optimised and runs it.
+//! One file a bench.
+
+use clap::{Parser, Subcommand};
+
+/// Runs one bench and writes results that can be scored.
+#[derive(Debug, Parser)]
+struct Arguments {
+    #[command(subcommand)]
+    bench: Bench,
+}
+
+/// The benches, one file each.
+#[derive(Debug, Subcommand)]
+enum Bench {}
+
+fn main() -> anyhow::Result<()> {
+    match Arguments::parse().bench {}
+}
