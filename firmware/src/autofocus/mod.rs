@@ -36,8 +36,10 @@
 //! assert!((scan.summary().best.0 - 30_000).abs() < 100);
 //! ```
 
-mod climb;
+pub mod climb;
 pub mod curve;
+pub mod noise;
+pub mod peak;
 
 use climb::Climb;
 use curve::{Curve, Place};
@@ -114,7 +116,7 @@ enum Stage {
 #[derive(Clone, Debug)]
 pub struct Scan {
     curve: Curve,
-    search: Climb,
+    pub search: Climb,
     start: Nanometres,
     here: Nanometres,
     wanted: Nanometres,
@@ -242,15 +244,12 @@ impl Scan {
         if best.place.0 <= first.0 + 1 || best.place.0 >= last.0 - 1 || !falls(first) || !falls(last) {
             return self.abort(ScanRefusal::PeakAtEdge);
         }
-        let side = |by: i32| self.curve.at(Place(best.place.0 + by)).map(|c| c.mean);
-        let shift = match (side(-1), side(1)) {
-            (Some(left), Some(right)) if left + right < 2.0 * best.mean => {
-                0.5 * (left - right) / (left - 2.0 * best.mean + right)
-            }
-            _ => 0.0,
-        };
+        let sigma = self.curve.noise().relative();
+        let b = self.search.best_place().unwrap_or(best.place.0);
+        let Some(peak) = peak::find(&self.curve, (b - 40).max(self.curve.lowest().0), (b + 40).min(self.curve.highest().0), if sigma > self.search.tuning.quiet { sigma } else { 0.0 }, self.search.tuning.bias) else { return self.abort(ScanRefusal::NoSignificantPeak) };
         let step = self.curve.position(Place(1)).0 - self.curve.position(Place(0)).0;
-        self.best = Nanometres(self.curve.position(best.place).0 + (shift * f64::from(step)) as i32);
+        let at = peak.at * f64::from(step);
+        self.best = Nanometres(self.start.0 + at as i32);
         self.wanted = self.best;
         self.stage = Stage::Leaving(Outcome::Focused);
         self.repeat()
