@@ -1,13 +1,13 @@
 //! The default search: probe for the uphill direction, one pass uphill, a trap radius past the best on both sides.
 
-use super::curve::{Curve, Place};
+use super::curve::{Curve, Place, STRIDE};
 use super::noise::root;
 use super::peak::{self, smooth};
 use super::{Next, Search};
 
 #[derive(Clone, Copy, Debug)]
-pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32 }
-pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 3.5, quiet: 2e-4, base: 90, extra: 12, bias: 0.5, plaus: 3.0, turn_at: 0 };
+pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32, pub wide: f64 }
+pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 0.5, plaus: 3.0, turn_at: 0, wide: 4.0 };
 
 /// State of a climb.
 #[derive(Clone, Debug)]
@@ -35,11 +35,11 @@ impl Climb {
 
     pub fn best_place(&self) -> Option<i32> { self.best.map(|b| b.0) }
     fn budget(&self, curve: &Curve) -> i32 {
-        self.tuning.base + 2 * self.travelled - curve.frames() as i32
+        self.tuning.base + 2 * self.travelled / STRIDE - curve.frames() as i32
     }
 
     fn take_in(&mut self, curve: &Curve, here: i32, sigma: f64) {
-        let h = if sigma > 0.0 { 1 } else { 0 };
+        let h = if sigma > 0.0 { STRIDE } else { 0 };
         for p in here - h..=here + h {
             let v = if sigma > 0.0 { smooth(curve, p) } else { curve.at(Place(p)).map(|c| c.mean) };
             let Some(v) = v else { continue };
@@ -53,10 +53,24 @@ impl Climb {
         let end = if side > 0 { curve.last().0 } else { curve.first().0 };
         if seen == end { return true; }
         if (seen - b) * side < self.trap { return false; }
+        self.fell(curve, side, sigma)
+    }
+
+    fn end(&self, curve: &Curve, here: i32, side: i32, sigma: f64) -> (f64, u32) {
+        let far = here + if sigma > 0.0 { 7 * STRIDE * side } else { 0 };
+        curve.mean(here.min(far), here.max(far))
+    }
+
+    /// Whether the values fall from the best to the end seen on one side, beyond doubt.
+    fn fell(&self, curve: &Curve, side: i32, sigma: f64) -> bool {
+        let Some((b, v)) = self.best else { return false };
         let (m, n) = self.ends[usize::from(side > 0)];
         if n == 0 { return false; }
-        let e = sigma * v.max(-v) * root(1.0 / f64::from(n) + 0.4 / f64::from(self.tuning.per));
-        v - m > self.tuning.fall * e
+        let s = sigma * v.max(-v);
+        let e = s * root(1.0 / f64::from(n) + 0.4 / f64::from(self.tuning.per));
+        if v - m > self.tuning.fall * e { return true; }
+        let (w, k) = curve.mean(b - 4 * STRIDE, b + 4 * STRIDE);
+        k > 0 && w - m > self.tuning.wide * s * root(1.0 / f64::from(n) + 1.0 / f64::from(k))
     }
 
     fn walk(&mut self, curve: &Curve, here: i32, sigma: f64) -> Option<Next> {
@@ -75,11 +89,11 @@ impl Climb {
             if here.abs() == self.probe && curve.lowest().0.min(-curve.highest().0) == -self.probe && sigma > 0.0 && z.abs() < t.turn && u32::from(frames) < t.stay && self.budget(curve) > 0 {
                 return Some(Next::Sample(Place(here)));
             }
-            if z < -t.turn && here.abs() >= 2 { self.heading = -self.heading; self.turned = true; }
+            if z < -t.turn && here.abs() >= 2 * STRIDE && !self.fell(curve, -self.heading, sigma) { self.heading = -self.heading; self.turned = true; }
             else if !self.turned && t.turn_at > 0 && here.abs() == t.turn_at && z < t.turn { self.heading = -self.heading; self.turned = true; }
         }
         let seen = if self.heading > 0 { curve.highest().0 } else { curve.lowest().0 };
-        Some(Next::Sample(Place(seen + self.heading)))
+        Some(Next::Sample(Place(seen + self.heading * STRIDE)))
     }
 
     fn find(&self, curve: &Curve, sigma: f64) -> Option<peak::Peak> {
@@ -90,7 +104,7 @@ impl Climb {
 
     fn refine(&mut self, curve: &Curve, here: i32, sigma: f64, goal: i32, rounds: u8) -> Next {
         // Extra frames at every plausible place on the way.
-        let way = (here - goal).abs() + 4;
+        let way = (here - goal).abs() / STRIDE + 4;
         let share = (self.budget(curve) / (way + 1)).clamp(0, i32::from(self.tuning.extra)) as u16;
         let cell = curve.at(Place(here));
         let per = self.tuning.per;
@@ -104,7 +118,7 @@ impl Climb {
         if here == goal {
             let Some(peak) = self.find(curve, sigma) else { return Next::Enough };
             let at = (if peak.at < 0.0 { peak.at - 0.5 } else { peak.at + 0.5 }) as i32;
-            if rounds == 0 || (at - here).abs() <= 1 || self.budget(curve) < 10 { return Next::Enough; }
+            if rounds == 0 || (at - here).abs() <= STRIDE || self.budget(curve) < 10 { return Next::Enough; }
             self.stage = Stage::Refine { goal: at, rounds: rounds - 1 };
             return Next::Sample(Place(here + (at - here).signum()));
         }
@@ -126,8 +140,8 @@ impl Search for Climb {
         if self.heading == 0 { self.heading = if curve.last().0 >= -curve.first().0 { 1 } else { -1 }; }
         match self.stage {
             Stage::Walk => {
-                if here == curve.highest().0 { self.ends[1] = curve.mean(here - 7, here); }
-                if here == curve.lowest().0 { self.ends[0] = curve.mean(here, here + 7); }
+                if here == curve.highest().0 { self.ends[1] = self.end(curve, here, -1, sigma); }
+                if here == curve.lowest().0 { self.ends[0] = self.end(curve, here, 1, sigma); }
                 if let Some(next) = self.walk(curve, here, sigma) { return next; }
                 if sigma <= t.quiet { return Next::Enough; }
                 let Some(peak) = self.find(curve, sigma) else { return Next::Enough };

@@ -4,7 +4,9 @@ use super::noise::{Noise, Trend};
 use parfocal_protocol::units::{FocusValue, Nanometres};
 
 /// Cells around the present position that a curve keeps; what lies further back is forgotten.
-pub const CELLS: usize = 384;
+pub const CELLS: usize = 512;
+/// Places in a sample step: the way back may sample between the places of the way out.
+pub const STRIDE: i32 = 2;
 
 /// A place on the scan's grid: the start plus this many sample steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -46,9 +48,9 @@ impl Curve {
     pub fn new(origin: Nanometres, low: Nanometres, high: Nanometres, step: Nanometres) -> Self {
         Self {
             origin: origin.0,
-            step: step.0,
-            first: Place((low.0 - origin.0) / step.0),
-            last: Place((high.0 - origin.0) / step.0),
+            step: step.0 / STRIDE,
+            first: Place((low.0 - origin.0) / step.0 * STRIDE),
+            last: Place((high.0 - origin.0) / step.0 * STRIDE),
             cells: [EMPTY; CELLS],
             lowest: Place(0),
             highest: Place(0),

@@ -1,10 +1,10 @@
 //! Where the peak is, from the samples around it.
 
-use super::curve::{Curve, Place};
+use super::curve::{Curve, Place, STRIDE};
 use super::noise::root;
 
 /// Half-widths of the windows, in places, that are tried one after the other.
-const WINDOWS: [i32; 10] = [2, 3, 4, 6, 8, 12, 16, 24, 32, 44];
+const WINDOWS: [i32; 12] = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 88];
 
 /// A peak by its fit.
 #[derive(Clone, Copy, Debug)]
@@ -29,7 +29,7 @@ pub fn find(curve: &Curve, from: i32, to: i32, sigma: f64, bias: f64) -> Option<
     for p in from..=to {
         let Some(v) = smooth(curve, p) else { continue };
         let higher = |q: i32| smooth(curve, q).is_some_and(|w| w > v);
-        if higher(p - 1) || higher(p + 1) || higher(p - 2) || higher(p + 2) {
+        if (1..=2 * STRIDE).any(|d| higher(p - d) || higher(p + d)) {
             continue;
         }
         if let Some(peak) = fit(curve, p, sigma) {
@@ -42,32 +42,51 @@ pub fn find(curve: &Curve, from: i32, to: i32, sigma: f64, bias: f64) -> Option<
     best.map(|b| b.0)
 }
 
-/// Mean of a place and its neighbours, weighted 1 : 2 : 1.
+/// Mean of a place and its neighbours a step away, weighted 1 : 2 : 1.
 pub fn smooth(curve: &Curve, p: i32) -> Option<f64> {
     let middle = curve.at(Place(p))?.mean;
     let side = |q: i32| curve.at(Place(q)).map_or(middle, |c| c.mean);
-    Some(0.25 * (side(p - 1) + 2.0 * middle + side(p + 1)))
+    Some(0.25 * (side(p - STRIDE) + 2.0 * middle + side(p + STRIDE)))
+}
+
+/// The nearest known place on one side.
+fn beside(curve: &Curve, p: i32, side: i32) -> Option<(f64, f64)> {
+    (1..=STRIDE).find_map(|d| curve.at(Place(p + d * side))).map(|c| (f64::from(c.place.0 - p), c.mean))
 }
 
 fn exact(curve: &Curve, p: i32, value: f64) -> Peak {
-    let side = |q: i32| curve.at(Place(q)).map(|c| c.mean);
-    let shift = match (side(p - 1), side(p + 1)) {
-        (Some(l), Some(r)) if l + r < 2.0 * value => 0.5 * (l - r) / (l - 2.0 * value + r),
-        _ => 0.0,
-    };
-    Peak { at: f64::from(p) + shift, value, error: 0.0, window: 1 }
+    let mut peak = Peak { at: f64::from(p), value, error: 0.0, window: 1 };
+    if let (Some((xl, l)), Some((xr, r))) = (beside(curve, p, -1), beside(curve, p, 1)) {
+        // The parabola through three points, by divided differences from the middle one.
+        let (sl, sr) = ((l - value) / xl, (r - value) / xr);
+        let bend = (sr - sl) / (xr - xl);
+        if bend < 0.0 {
+            let slope = sl - bend * xl;
+            let shift = -slope / (2.0 * bend);
+            if shift >= xl && shift <= xr {
+                peak.at += shift;
+                peak.value += 0.5 * slope * shift;
+            }
+        }
+    }
+    peak
 }
 
 /// Widens the window while a peak with a curvature of its own on each side still explains what it holds.
 fn fit(curve: &Curve, p: i32, sigma: f64) -> Option<Peak> {
     let mut at = f64::from(p);
     let mut best: Option<Peak> = None;
+    if let Some(c) = curve.at(Place(p)) {
+        let narrow = exact(curve, p, c.mean);
+        at = narrow.at;
+        best = Some(Peak { error: sigma * c.mean.max(-c.mean) / root(f64::from(c.frames)), ..narrow });
+    }
     for h in WINDOWS {
         let c = round(at);
-        if curve.at(Place(c - h)).is_none() || curve.at(Place(c + h)).is_none() {
+        if curve.lowest().0 > c - h || curve.highest().0 < c + h {
             if best.is_some() { break; }
         }
-        let reach = (f64::from(h) * 0.5).min(4.0);
+        let reach = (f64::from(h) * 0.5).min(8.0);
         let steps = 8;
         let mut least: Option<(f64, [f64; 3], f64, f64, f64)> = None;
         for i in -steps..=steps {
@@ -98,7 +117,8 @@ fn round(x: f64) -> i32 {
 fn solve(curve: &Curve, from: i32, to: i32, v: f64, sigma: f64) -> Option<(f64, [f64; 3], f64, f64)> {
     let (mut s0, mut sl, mut sr, mut sll, mut srr) = (0.0, 0.0, 0.0, 0.0, 0.0);
     let (mut y0, mut yl, mut yr, mut yy, mut n) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let reference = curve.at(Place(round(v)))?.mean;
+    let p = round(v);
+    let reference = curve.at(Place(p)).or_else(|| curve.at(Place(p + 1))).or_else(|| curve.at(Place(p - 1)))?.mean;
     for cell in (from..=to).filter_map(|p| curve.at(Place(p))) {
         let w = f64::from(cell.frames);
         let x = f64::from(cell.place.0) - v;
