@@ -6,4 +6,5 @@ pub mod focus;
 pub mod frames;
 pub mod link;
 pub mod picture;
+pub mod rig;
 pub mod tip;
