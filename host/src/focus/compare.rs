@@ -52,18 +52,28 @@ pub struct Recommendation {
     pub words: String,
 }
 
-/// Chooses among the rows: first what ends nearest to the truth, if it is known (one plane more or less is no difference),
-/// then what is hardest to be trapped in, then what stands out most from its noise.
-pub fn recommend(rows: &[Row], z_step: Micrometres) -> Recommendation {
-    let inside = |row: &&Row| row.shape.as_ref().is_some_and(|s| !s.at_edge);
-    let best = rows.iter().filter(inside).min_by(|a, b| rank(a, z_step).total_cmp(&rank(b, z_step)));
-    let Some((row, shape)) = best.and_then(|row| Some((row, row.shape.as_ref()?))) else {
-        let words = "No measure has its peak inside this stack: the focus lies at its edge or beyond, or the region is \
+/// Chooses among the measures whose curve falls to half its height on both sides inside the stack: first what ends nearest to
+/// `truth`, if it is known (one plane more or less is no difference), then what is hardest to be trapped in, then what stands out most
+/// from its noise. Of a curve with two lobes the valley counts, if that is nearer to the truth.
+pub fn recommend(rows: &[Row], z_step: Micrometres, truth: Option<Micrometres>) -> Recommendation {
+    let candidates = rows.iter().filter_map(|row| {
+        let shape = row.shape.as_ref().filter(|s| !s.at_edge && s.width_um.is_some())?;
+        let focus = Focus::of(shape, truth);
+        Some((row, shape, focus, focus.rank(shape, z_step)))
+    });
+    let Some((row, shape, focus, _)) = candidates.min_by(|a, b| a.3.total_cmp(&b.3)) else {
+        let words = "No measure has a whole peak inside this stack: the focus lies at its edge or beyond, or the region is \
                      blank. Take a stack that goes further, or choose a region with texture.";
         return Recommendation { measure: None, words: words.into() };
     };
-    let mut words = format!("Use {}: its peak is at {:.2} µm", row.measure, shape.peak_um);
-    if let Some(error) = row.error_um {
+    let mut words = match focus.in_valley {
+        false => format!("Use {}: its peak is at {:.2} µm", row.measure, focus.at_um),
+        true => format!(
+            "Use {} as for a phase object: its valley between two lobes is at {:.2} µm",
+            row.measure, focus.at_um
+        ),
+    };
+    if let Some(error) = focus.error_um {
         words += &format!(", {error:.2} µm from the known focus");
     }
     words += &match (shape.other_maxima, shape.farthest_maximum_um) {
@@ -74,18 +84,38 @@ pub fn recommend(rows: &[Row], z_step: Micrometres) -> Recommendation {
         words += &format!("; noise {:.2} % of its height", 100.0 * noise);
     }
     words += &format!("; {:.3} ms a frame.", row.ms);
-    if shape.is_double_lobed() {
-        words += " Two lobes of similar height: if the object is unstained, its focus is the valley between them.";
+    if let (Some(valley), false) = (shape.valley_um, focus.in_valley) {
+        words += &format!(
+            " It has a second lobe of similar height: if the object is unstained, its focus is the valley at {valley:.2} µm."
+        );
     }
     Recommendation { measure: Some(row.measure), words }
 }
 
-/// Lower is better. The terms are of different importance, not of different unit.
-fn rank(row: &Row, z_step: Micrometres) -> f64 {
-    let Some(shape) = &row.shape else { return f64::INFINITY };
-    let planes_off = (row.error_um.unwrap_or(0.0) / z_step.0.abs() - 1.0).max(0.0);
-    let traps = shape.other_maxima as f64 * (1.0 + shape.highest_other.unwrap_or(0.0));
-    1e4 * planes_off + 1e1 * traps + 1e2 * shape.noise.unwrap_or(0.0)
+/// What a curve takes for the focus.
+#[derive(Clone, Copy)]
+struct Focus {
+    at_um: f64,
+    error_um: Option<f64>,
+    in_valley: bool,
+}
+
+impl Focus {
+    fn of(shape: &Shape, truth: Option<Micrometres>) -> Self {
+        let error = |z: f64| truth.map(|t| (z - t.0).abs());
+        let peak = Self { at_um: shape.peak_um, error_um: error(shape.peak_um), in_valley: false };
+        match shape.valley_um {
+            Some(z) if error(z) < peak.error_um => Self { at_um: z, error_um: error(z), in_valley: true },
+            _ => peak,
+        }
+    }
+
+    /// Lower is better. The terms are of different importance, not of different unit.
+    fn rank(&self, shape: &Shape, z_step: Micrometres) -> f64 {
+        let planes_off = (self.error_um.unwrap_or(0.0) / z_step.0.abs() - 1.0).max(0.0);
+        let traps = shape.other_maxima as f64 * (1.0 + shape.highest_other.unwrap_or(0.0));
+        1e4 * planes_off + 1e1 * traps + 1e2 * shape.noise.unwrap_or(0.0)
+    }
 }
 
 fn plural(n: usize, one: &'static str, many: &'static str) -> &'static str {
@@ -113,7 +143,7 @@ mod tests {
         let views: Vec<_> = stack.iter().map(Picture::view).collect();
         let z: Vec<_> = (0..21).map(|k| Micrometres(2.0 * f64::from(k))).collect();
         let rows = compare(&views, &z, Some(Micrometres(2.0 * best as f64))).unwrap();
-        let recommendation = recommend(&rows, Micrometres(2.0));
+        let recommendation = recommend(&rows, Micrometres(2.0), Some(Micrometres(2.0 * best as f64)));
         (rows, recommendation)
     }
 

@@ -15,7 +15,7 @@ pub struct Shape {
     pub peak: usize,
     /// Its z.
     pub peak_um: f64,
-    /// The largest value is the first or the last: the true peak may lie outside.
+    /// The largest value is among the first or the last two: the true peak may lie outside.
     pub at_edge: bool,
     /// Maxima besides the largest one that stand out by [`PROMINENT`].
     pub other_maxima: usize,
@@ -23,6 +23,9 @@ pub struct Shape {
     pub farthest_maximum_um: Option<f64>,
     /// Height of the highest of these above the smallest value, as a share of the curve's height.
     pub highest_other: Option<f64>,
+    /// The lowest sample between the peak and another maximum of at least half its height: where two lobes of a phase object
+    /// have its focus between them.
+    pub valley_um: Option<f64>,
     /// Full width at half height around the peak; `None` when the curve does not fall to it on both sides.
     pub width_um: Option<f64>,
     /// From where to where the curve rises towards the peak without a dip of [`PROMINENT`].
@@ -50,24 +53,24 @@ impl Shape {
         let at = |k: usize| z[k].0;
         let others: Vec<usize> =
             maxima(&curve).into_iter().filter(|&k| k != peak && prominence(&curve, k) >= PROMINENT).collect();
+        let highest = others.iter().copied().max_by(|&a, &b| curve[a].total_cmp(&curve[b]));
+        let lobe = highest.filter(|&k| curve[k] >= 0.5);
+        let valley =
+            lobe.and_then(|lobe| (lobe.min(peak)..=lobe.max(peak)).min_by(|&a, &b| curve[a].total_cmp(&curve[b])));
         let side = |towards: Vec<usize>| crossing(&curve, &towards, &at);
         let (left, right) = (side((0..=peak).rev().collect()), side((peak..curve.len()).collect()));
         Some(Self {
             peak,
             peak_um: at(peak),
-            at_edge: peak == 0 || peak + 1 == curve.len(),
+            at_edge: peak < 2 || peak + 2 >= curve.len(),
             other_maxima: others.len(),
             farthest_maximum_um: others.iter().map(|&k| (at(k) - at(peak)).abs()).reduce(f64::max),
-            highest_other: others.iter().map(|&k| curve[k]).reduce(f64::max),
+            highest_other: highest.map(|k| curve[k]),
+            valley_um: valley.map(at),
             width_um: left.zip(right).map(|(l, r)| r - l),
             climb_um: [at(foot(&curve, (0..=peak).rev())), at(foot(&curve, peak..curve.len()))],
             noise: noise(&curve),
         })
-    }
-
-    /// Two lobes of similar height with a valley between them: the mark of a phase object, whose focus is the valley.
-    pub fn is_double_lobed(&self) -> bool {
-        self.highest_other.is_some_and(|h| h >= 0.5)
     }
 }
 
@@ -157,7 +160,7 @@ mod tests {
     fn one_clean_peak_is_described_exactly() {
         // A triangle of half-width 10 µm around 2 µm on a foot of 5.
         let s = shape(|z| 5.0 + (1.0 - (z - 2.0).abs() / 10.0).max(0.0)).unwrap();
-        assert_eq!((s.peak_um, s.other_maxima, s.at_edge, s.is_double_lobed()), (2.0, 0, false, false));
+        assert_eq!((s.peak_um, s.other_maxima, s.at_edge, s.valley_um), (2.0, 0, false, None));
         assert!((s.width_um.unwrap() - 10.0).abs() < 1e-9);
         assert_eq!(s.climb_um, [-8.0, 12.0]);
         assert!(s.noise.unwrap() < 1e-9);
@@ -168,7 +171,7 @@ mod tests {
         let bump = |z: f64, c: f64, h: f64| h * (-(z - c).powi(2) / 2.0).exp();
         let s = shape(|z| bump(z, -3.0, 1.0) + bump(z, 6.0, 0.6) + bump(z, 11.5, 0.2) + bump(z, 17.0, 0.005)).unwrap();
         assert_eq!((s.peak_um, s.other_maxima, s.farthest_maximum_um), (-3.0, 2, Some(14.5)));
-        assert!((s.highest_other.unwrap() - 0.6).abs() < 0.01 && s.is_double_lobed());
+        assert!((s.highest_other.unwrap() - 0.6).abs() < 0.01 && (0.0..4.0).contains(&s.valley_um.unwrap()));
         assert!(s.climb_um[0] < -5.0 && (0.0..4.0).contains(&s.climb_um[1]), "{:?}", s.climb_um);
     }
 
