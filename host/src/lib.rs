@@ -2,6 +2,7 @@
 //! manipulators, and finds pipette tips. The command `parfocal` is built on it.
 
 pub mod calibration;
+pub mod clock;
 pub mod focus;
 pub mod frames;
 pub mod link;

@@ -1,1 +1,5 @@
 //! Where camera frames come from.
+
+pub mod curve;
+pub mod image_file;
+pub mod stack;
