@@ -1,1 +1,3 @@
 //! A virtual rig.
+
+pub mod scene;
