@@ -58,7 +58,7 @@ pub fn identity(boot: u32, reset: ResetCause) -> Identity {
     Identity {
         board: Label::new("NUCLEO-F429ZI"),
         git: Label::new(env!("PARFOCAL_GIT")),
-        unique_id: *embassy_stm32::uid::uid(),
+        unique_id: embassy_stm32::uid::uid(),
         boot,
         reset,
         axes: AXES as u8,
