@@ -7,4 +7,5 @@ pub mod focus;
 pub mod frames;
 pub mod link;
 pub mod picture;
+pub mod rig;
 pub mod tip;
