@@ -132,6 +132,7 @@ fn an_emergency_keeps_counting_and_distrusts() {
     assert_eq!(motion.steps(&mut board)[0].0, board.seen(0, false, false));
     assert_eq!(motion.status(&mut board, Axis(0)).trust, Trust::Lost);
     motion.clear_emergency(board.now(), &mut board).unwrap();
+    board.run(&mut motion, 1, |_| false);
     board.bench.changes.clear();
     let before = motion.steps(&mut board)[0].0;
     motion.move_to(board.now(), &mut board, &[Some(Nanometres(0)), None, None, None], None).unwrap();

@@ -258,23 +258,17 @@ impl Engine {
 
     /// Adds phases to an axis. False when they do not all fit, and then none is added.
     pub fn append(&mut self, axis: usize, phases: &[Phase]) -> bool {
-        let Some(track) = self.tracks.get_mut(axis) else { return false };
-        track.space() >= phases.len() && phases.iter().all(|p| track.append(*p))
+        self.tracks.get_mut(axis).is_some_and(|t| t.append(phases))
     }
 
     /// Cuts an axis' path at a tick not laid yet: `steps` edges remain of the phase there. False when more are laid.
     pub fn cut(&mut self, axis: usize, tick: u64, steps: u32) -> bool {
-        self.tracks.get_mut(axis).is_some_and(|t| t.end <= tick && t.cut(tick, steps))
+        self.tracks.get_mut(axis).is_some_and(|t| t.cut(tick, steps))
     }
 
     /// Edge times of the one vibration that goes on at a time.
     pub fn quarter(&mut self) -> &mut Quarter {
         &mut self.quarter
-    }
-
-    /// Phases of an axis, the oldest first.
-    pub fn phases(&self, axis: usize) -> impl DoubleEndedIterator<Item = &Phase> {
-        self.tracks.get(axis).into_iter().flat_map(Track::phases)
     }
 
     /// The longest time that pulses stood still in a motion since this was last asked.

@@ -46,7 +46,7 @@ impl Playback {
         let axes = core::array::from_fn(|axis| {
             let ring = engine.ring(axis);
             Timer {
-                active: Record::hold(Self::FIRST, false, 0),
+                active: Record::pulse(Self::FIRST, ring[0].ccr1, ring[0].ccr2),
                 preload: ring[0],
                 fifo: ring[1],
                 fetched: 1,

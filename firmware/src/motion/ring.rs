@@ -55,12 +55,13 @@ impl Ring {
         &self.slots
     }
 
-    /// Begins anew from slot 0, nothing laid yet, for a stream that is not running.
-    pub fn clear(&mut self) {
+    /// Begins anew from slot 0, nothing laid yet, for a stream that is not running; STEP is at
+    /// this level before.
+    pub fn clear(&mut self, step_high: bool) {
         (self.head, self.gate, self.fetched) = (0, GUARD.wrapping_neg(), 0);
         // What plays before record 0 has no edge.
         for before in [RING - 2, RING - 1] {
-            self.slots[before] = Record::hold(1, false, 0);
+            self.slots[before] = Record::hold(1, step_high, 0);
         }
     }
 

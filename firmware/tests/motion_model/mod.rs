@@ -1,6 +1,8 @@
 //! A board without hardware: the engine, its timers in software, and every edge that came out.
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub mod exact;
+
 use parfocal_firmware::motion::engine::{Engine, SERVICE, StepTimers};
 use parfocal_firmware::motion::playback::{Change, Playback};
 use parfocal_firmware::motion::{Motion, MotionEvent};
