@@ -98,10 +98,12 @@ impl Ring {
         self.head.wrapping_sub(self.gate) >= GUARD
     }
 
-    /// Slots for a run of records that does not touch the guard, and the slot of the first. [`Self::ran`] counts them.
+    /// Slots for a run of at most `most` records that does not touch the guard. [`Self::ran`] counts them.
     #[inline(always)]
-    pub fn run(&mut self) -> (&mut [Record; RING], usize) {
-        (&mut self.slots, self.head as usize)
+    pub fn run(&mut self, most: u32) -> &mut [Record] {
+        let first = self.head as usize & MASK;
+        let last = (first + most as usize).min(RING);
+        self.slots.get_mut(first..last).unwrap_or_default()
     }
 
     /// Counts records laid through [`Self::run`].

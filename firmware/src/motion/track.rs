@@ -2,7 +2,7 @@
 
 use super::edges::Edges;
 use super::phase::{Phase, Span};
-use super::record::{LONGEST, RING, Record, SHORTEST};
+use super::record::{LONGEST, Record, SHORTEST};
 use super::ring::Ring;
 use super::swing::Quarter;
 
@@ -232,78 +232,71 @@ impl Track {
         }
     }
 
+    /// How many records of `steps` steps each a run can have; 0 when its first ones are not short pulses. In a span the
+    /// intervals change by an eighth at most: what holds of the first holds of all.
+    fn run_length(&self, horizon: u64, room: u32, steps: u32) -> u32 {
+        let Span { left, time, by: [d1, ..], .. } = self.edges.span;
+        let first = ((time >> 32) as u32).wrapping_sub(self.end as u32);
+        let next = (d1 >> 32) as u32;
+        let short = SHORTEST / steps - 2..LONGEST * 3 / 4 / steps;
+        if !short.contains(&first) || !short.contains(&next) {
+            return 0;
+        }
+        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
+        (left / steps).min(room).min(ticks / (next * steps) + 1)
+    }
+
     /// Single-edge pulses of one span, while they are short.
     fn run_rising(&mut self, horizon: u64, room: u32) -> u32 {
+        let most = self.run_length(horizon, room, 1);
         let (high, dir) = (self.pulse.high, self.dir);
-        let most = self.edges.span.left.min(room);
-        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
         let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.edges.span;
-        let from = self.end as u32;
-        let mut open = from;
-        let (slots, mut slot) = self.ring.run();
-        let mut n = 0;
-        while n < most && open.wrapping_sub(from) < ticks {
+        let mut open = self.end as u32;
+        let run = self.ring.run(most);
+        let n = run.len() as u32;
+        for record in run {
             let next = (time >> 32) as u32;
-            let length = next.wrapping_sub(open);
-            if length.wrapping_sub(SHORTEST - 2) > LONGEST - SHORTEST {
-                break;
-            }
-            if let Some(record) = slots.get_mut(slot & (RING - 1)) {
-                *record = Record::pulse(length, high, dir);
-            }
-            slot += 1;
+            record.set_pulse(next.wrapping_sub(open), high, dir);
             open = next;
             time = time.wrapping_add_signed(d1);
             d1 = d1.wrapping_add(d2);
             d2 = d2.wrapping_add(d3);
-            n += 1;
         }
-        self.ran(n, n, Span { left: self.edges.span.left - n, time, by: [d1, d2, d3], up: self.edges.span.up }, open);
+        self.ran(n, n, [d1, d2], time, open);
         n
     }
 
     /// Pulses of two steps each of one span, while they are short.
     fn run_both(&mut self, horizon: u64, room: u32) -> u32 {
+        let most = self.run_length(horizon, room, 2);
         let dir = self.dir;
-        let most = (self.edges.span.left / 2).min(room);
-        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
         let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.edges.span;
-        let from = self.end as u32;
-        let mut open = from;
-        let (slots, mut slot) = self.ring.run();
-        let mut n = 0;
-        while n < most && open.wrapping_sub(from) < ticks {
+        let mut open = self.end as u32;
+        let run = self.ring.run(most);
+        let n = run.len() as u32;
+        for record in run {
             let fall = (time >> 32) as u32;
-            let (e1, e2) = (d1.wrapping_add(d2), d2.wrapping_add(d3));
-            let then = time.wrapping_add_signed(d1);
-            let next = (then >> 32) as u32;
-            let length = next.wrapping_sub(open);
-            if length.wrapping_sub(SHORTEST - 2) > LONGEST - SHORTEST {
-                break;
-            }
-            if let Some(record) = slots.get_mut(slot & (RING - 1)) {
-                *record = Record::pulse(length, fall.wrapping_sub(open), dir);
-            }
-            slot += 1;
+            time = time.wrapping_add_signed(d1);
+            d1 = d1.wrapping_add(d2);
+            d2 = d2.wrapping_add(d3);
+            let next = (time >> 32) as u32;
+            time = time.wrapping_add_signed(d1);
+            d1 = d1.wrapping_add(d2);
+            d2 = d2.wrapping_add(d3);
+            record.set_pulse(next.wrapping_sub(open), fall.wrapping_sub(open), dir);
             open = next;
-            time = then.wrapping_add_signed(e1);
-            d1 = e1.wrapping_add(e2);
-            d2 = e2.wrapping_add(d3);
-            n += 1;
         }
-        self.ran(
-            n,
-            2 * n,
-            Span { left: self.edges.span.left - 2 * n, time, by: [d1, d2, d3], up: self.edges.span.up },
-            open,
-        );
+        self.ran(n, 2 * n, [d1, d2], time, open);
         n
     }
 
     /// Books a run of `n` records with `steps` steps.
     #[inline(always)]
-    fn ran(&mut self, n: u32, steps: u32, span: Span, open: u32) {
-        self.edges.span = span;
+    fn ran(&mut self, n: u32, steps: u32, [d1, d2]: [i64; 2], time: u64, open: u32) {
+        let span = &mut self.edges.span;
+        span.left -= steps;
+        span.time = time;
+        span.by = [d1, d2, span.by[2]];
         self.end += u64::from(open.wrapping_sub(self.end as u32));
         self.ring.ran(n);
         if n > 0 {
