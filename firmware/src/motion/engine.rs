@@ -30,6 +30,12 @@ pub trait StepTimers {
     /// One update by software (EGR.UG, with its DMA request), which wakes a timer that stands at the guard.
     fn wake(&mut self, axis: usize);
 
+    /// CNT of an axis; lets the engine see whether DMA was ever too late for a record. `None` where it cannot be read.
+    fn count(&mut self, axis: usize) -> Option<u32> {
+        let _ = axis;
+        None
+    }
+
     /// A free-running counter at [`CLOCK_PER_TICK`] times the step timers' rate, e.g. the cycle counter. Wraps at 2³².
     fn clock(&mut self) -> u32;
 }
@@ -69,7 +75,15 @@ pub struct Engine {
     gap: Option<Gap>,
     gaps: u32,
     running: bool,
+    /// Ticks that each timer's count is off the clock, since they were started.
+    skew: [Option<i64>; AXES],
+    /// The axis to be looked at next for records that DMA delivered too late.
+    look: usize,
+    late: Option<usize>,
 }
+
+/// Ticks by which a timer may be off the clock: software reads one after the other. A record is longer.
+const OFF: i64 = 30;
 
 impl Default for Engine {
     fn default() -> Self {
@@ -92,6 +106,9 @@ impl Engine {
             gap: None,
             gaps: 0,
             running: false,
+            skew: [None; AXES],
+            look: 0,
+            late: None,
         }
     }
 
@@ -107,7 +124,7 @@ impl Engine {
         self.now = now.0 * TICKS_PER_US;
         self.behind = 0;
         (self.clock, self.rest) = (clock, 0);
-        (self.lead, self.dry) = (LEAD, None);
+        (self.lead, self.dry, self.skew) = (LEAD, None, [None; AXES]);
         for track in &mut self.tracks {
             track.prepare(self.now, START);
         }
@@ -132,6 +149,7 @@ impl Engine {
             self.wake_when_all_stand(timers);
             return;
         }
+        self.compare(timers);
         // One horizon for all: should they run dry, then together.
         let mut horizon = self.now + self.lead;
         let mut full = self.now + LEAD;
@@ -148,6 +166,37 @@ impl Engine {
             }
         }
         self.lead = full.saturating_sub(self.now).clamp(u64::from(SERVICE), (self.lead + u64::from(SERVICE)).min(LEAD));
+    }
+
+    /// Had DMA not delivered a record by its turn, the one before would have been played again, and the timeline of its axis would
+    /// be behind from then on. Looks at one axis each time, while it plays a long record: then NDTR and CNT belong together.
+    fn compare(&mut self, timers: &mut impl StepTimers) {
+        let axis = self.look;
+        self.look = if axis + 1 < AXES { axis + 1 } else { 0 };
+        let Some(track) = self.tracks.get(axis) else { return };
+        if !track.plays_long() {
+            return;
+        }
+        let left = timers.left(axis);
+        let (Some(count), clock) = (timers.count(axis), timers.clock()) else { return };
+        // 4 µs after an update DMA has served the request.
+        if left != timers.left(axis) || !track.ring.is_at(left) || count < 336 {
+            return;
+        }
+        let now = self.now + u64::from(clock.wrapping_sub(self.clock) / CLOCK_PER_TICK);
+        let off = (track.played(None).1 + u64::from(count)).wrapping_sub(now) as i64;
+        if let Some(skew) = self.skew.get_mut(axis) {
+            let was = *skew.get_or_insert(off);
+            if (off - was).abs() > OFF {
+                *skew = Some(off);
+                self.late = Some(axis);
+            }
+        }
+    }
+
+    /// An axis on which DMA was too late for a record since this was last asked: its steps are not what was planned.
+    pub fn take_late(&mut self) -> Option<usize> {
+        self.late.take()
     }
 
     fn tell_time(&mut self, clock: u32) {
@@ -185,6 +234,8 @@ impl Engine {
         let from = first.saturating_sub(u64::from(2 * WAKE + LONGEST));
         self.behind += self.now.saturating_sub(from);
         self.now = from;
+        // Waking takes its time, axis by axis.
+        self.skew = [None; AXES];
         let axis = self.dry.take().unwrap_or(0);
         if moving {
             self.gaps = self.gaps.wrapping_add(1);

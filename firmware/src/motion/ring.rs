@@ -63,6 +63,7 @@ impl Ring {
         for before in [RING - 2, RING - 1] {
             self.slots[before] = Record::hold(1, step_high, 0);
         }
+        self.kept = [Record::hold(1, step_high, 0); GUARD as usize];
     }
 
     /// How many more records can be laid.
@@ -141,6 +142,11 @@ impl Ring {
         let now = RING.wrapping_sub(left) & MASK;
         let ahead = now.wrapping_sub(self.fetched as usize) & MASK;
         self.fetched = self.fetched.wrapping_add(ahead as u32);
+    }
+
+    /// Whether the stream's count of words is as it was last seen.
+    pub fn is_at(&self, ndtr: u32) -> bool {
+        RING.wrapping_sub((ndtr / 4) as usize) & MASK == self.fetched as usize & MASK
     }
 
     /// Lays the guard behind the records and puts it in force, unless DMA is too near, or nothing is new.

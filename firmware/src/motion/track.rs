@@ -123,6 +123,11 @@ impl Track {
         (steps, tick)
     }
 
+    /// Whether the record that plays is a long one.
+    pub fn plays_long(&self) -> bool {
+        !self.ring.blocked() && self.ring.get(self.ring.playing()).ticks() >= 1_000
+    }
+
     /// Tick at which the guard begins: what was laid before it is played.
     pub fn reached(&self) -> u64 {
         self.played(None).1

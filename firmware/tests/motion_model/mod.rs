@@ -118,7 +118,7 @@ impl Board for Mock {
     fn outputs_off(&mut self) {
         self.on = false;
         for axis in 0..AXES {
-            let (left, count) = (self.bench.timers.left(axis), self.bench.timers.count(axis));
+            let (left, count) = (self.bench.timers.left(axis), self.bench.timers.count(axis).unwrap());
             self.bench.engine.halted(axis, left, count);
         }
     }
