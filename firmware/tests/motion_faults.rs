@@ -8,7 +8,7 @@ use parfocal_firmware::motion::lane::Lane;
 use parfocal_firmware::motion::path::{Limits, Path};
 use parfocal_firmware::motion::record::SHORTEST;
 use parfocal_firmware::motion::track::Pulse;
-use parfocal_firmware::motion::{Motion, MotionEvent, StepTimers};
+use parfocal_firmware::motion::{Motion, MotionEvent};
 use parfocal_protocol::message::{StopCause, Trust};
 use parfocal_protocol::settings::{AxisSettings, Driver, Edges};
 use parfocal_protocol::units::*;
@@ -193,7 +193,7 @@ fn a_stop_at_every_record_keeps_count() {
             let steps = board.bench.steps(0, both);
             let after: Vec<u64> = steps.iter().map(|s| s.0 + 168).collect();
             if let Some(first) = after.windows(3).find(|w| w[1] > asked && w[2] - w[1] > w[1] - w[0])
-                && first[1] - first[0] < 42_000
+                && first[1] - first[0] < 21_000
             {
                 assert!(first[2] <= asked + 4 * 84_000, "stop {k}: slower only after {} µs", (first[2] - asked) / 84);
             }
