@@ -3,7 +3,7 @@
 mod motion_model;
 
 use motion_model::Mock;
-use parfocal_firmware::motion::{Motion, MotionEvent};
+use parfocal_firmware::motion::{Ending, Motion, MotionEvent};
 use parfocal_protocol::message::{Refusal, StopCause, Trust};
 use parfocal_protocol::settings::{AxisSettings, Driver, Side};
 use parfocal_protocol::units::*;
@@ -35,7 +35,7 @@ fn over(e: &MotionEvent) -> bool {
 fn a_move_arrives_and_says_so_after_settling() {
     let (mut board, mut motion) = ready(|_| {});
     let to = [Some(Nanometres(1_000_000)), Some(Nanometres(-250_000)), None, None];
-    let id = motion.move_to(board.now(), &mut board, &to, None).unwrap();
+    let id = motion.move_to(board.now(), &mut board, &to, None, Ending::Approach).unwrap();
     let events = board.run(&mut motion, 5000, over);
     assert_eq!(events, [MotionEvent::InPosition(id)]);
     assert_eq!(board.seen(0, false, false), 10_000);
@@ -51,7 +51,9 @@ fn an_axis_ends_from_its_approach_side_with_play_taken_up() {
         s.approach = Some(Side::Low);
     });
     for um in [100, 50, 60, -20] {
-        motion.move_to(board.now(), &mut board, &[Some(Nanometres(um * 1000)), None, None, None], None).unwrap();
+        motion
+            .move_to(board.now(), &mut board, &[Some(Nanometres(um * 1000)), None, None, None], None, Ending::Approach)
+            .unwrap();
         let events = board.run(&mut motion, 5000, over);
         assert_eq!(events.len(), 1);
         assert_eq!(motion.status(&mut board, Axis(0)).position, Nanometres(um * 1000));
@@ -69,6 +71,7 @@ fn a_stop_keeps_the_position_exact() {
                 &mut board,
                 &[Some(Nanometres(1_000_000)), Some(Nanometres(700_000)), None, None],
                 None,
+                Ending::Approach,
             )
             .unwrap();
         board.run(&mut motion, ms, |_| false);
@@ -86,7 +89,13 @@ fn a_stop_keeps_the_position_exact() {
 fn holding_and_going_on_ends_at_the_target() {
     let (mut board, mut motion) = ready(|_| {});
     let id = motion
-        .move_to(board.now(), &mut board, &[Some(Nanometres(500_000)), Some(Nanometres(700_000)), None, None], None)
+        .move_to(
+            board.now(),
+            &mut board,
+            &[Some(Nanometres(500_000)), Some(Nanometres(700_000)), None, None],
+            None,
+            Ending::Approach,
+        )
         .unwrap();
     for _ in 0..5 {
         board.run(&mut motion, 150, |_| false);
@@ -125,7 +134,9 @@ fn a_vibration_ends_where_it_began() {
 #[test]
 fn an_emergency_keeps_counting_and_distrusts() {
     let (mut board, mut motion) = ready(|_| {});
-    motion.move_to(board.now(), &mut board, &[Some(Nanometres(500_000)), None, None, None], None).unwrap();
+    motion
+        .move_to(board.now(), &mut board, &[Some(Nanometres(500_000)), None, None, None], None, Ending::Approach)
+        .unwrap();
     board.run(&mut motion, 200, |_| false);
     board.bench.pass(1234);
     motion.emergency(board.now(), &mut board);
@@ -135,7 +146,7 @@ fn an_emergency_keeps_counting_and_distrusts() {
     board.run(&mut motion, 1, |_| false);
     board.bench.changes.clear();
     let before = motion.steps(&mut board)[0].0;
-    motion.move_to(board.now(), &mut board, &[Some(Nanometres(0)), None, None, None], None).unwrap();
+    motion.move_to(board.now(), &mut board, &[Some(Nanometres(0)), None, None, None], None, Ending::Approach).unwrap();
     board.run(&mut motion, 5000, over);
     assert_eq!(motion.steps(&mut board)[0].0, 0);
     assert_eq!(board.seen(0, false, false), -before);

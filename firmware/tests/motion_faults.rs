@@ -8,7 +8,7 @@ use parfocal_firmware::motion::lane::Lane;
 use parfocal_firmware::motion::path::{Limits, Path};
 use parfocal_firmware::motion::record::SHORTEST;
 use parfocal_firmware::motion::track::Pulse;
-use parfocal_firmware::motion::{Motion, MotionEvent};
+use parfocal_firmware::motion::{Ending, Motion, MotionEvent};
 use parfocal_protocol::message::{StopCause, Trust};
 use parfocal_protocol::settings::{AxisSettings, Driver, Edges};
 use parfocal_protocol::units::*;
@@ -131,7 +131,7 @@ fn ready(edges: Edges) -> (Mock, Motion) {
 
 fn begin(board: &mut Mock, motion: &mut Motion) {
     let to = [Some(Nanometres(300_000)), Some(Nanometres(-123_450)), None, Some(Nanometres(50))];
-    motion.move_to(board.now(), board, &to, None).unwrap();
+    motion.move_to(board.now(), board, &to, None, Ending::Approach).unwrap();
 }
 
 #[test]
@@ -154,7 +154,9 @@ fn a_long_stall_ends_in_a_flagged_stop() {
         // And it moves again, from where it is.
         board.bench.changes.clear();
         let from = motion.steps(&mut board)[0].0;
-        motion.move_to(board.now(), &mut board, &[Some(Nanometres(0)), None, None, None], None).unwrap();
+        motion
+            .move_to(board.now(), &mut board, &[Some(Nanometres(0)), None, None, None], None, Ending::Approach)
+            .unwrap();
         board.run(&mut motion, 2000, |e| matches!(e, MotionEvent::InPosition(_)));
         assert_eq!(motion.steps(&mut board)[0].0, 0);
         assert_eq!(board.seen(0, edges == Edges::Both, false), -from);

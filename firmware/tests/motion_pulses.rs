@@ -129,3 +129,15 @@ fn a_single_step_and_a_few() {
         check(&Case { tj: 500_000_000, ta: 1, tv: 100_000, steps: vec![n], both: n % 2 == 1 });
     }
 }
+
+#[test]
+fn memory() {
+    use parfocal_firmware::motion::*;
+    println!(
+        "Engine {} Motion {} Phase {} Lane {}",
+        size_of::<Engine>(),
+        size_of::<Motion>(),
+        size_of::<phase::Phase>(),
+        size_of::<lane::Lane>()
+    );
+}

@@ -33,12 +33,23 @@ pub enum MotionEvent {
     },
 }
 
+/// How a move ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ending {
+    /// From the side that the axis' settings prefer.
+    #[default]
+    Approach,
+    /// Straight, whatever the settings prefer: for moves of a scan, whose last one alone decides.
+    Direct,
+}
+
 /// A move as it was asked for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wish {
     pub id: MotionId,
     pub to: PerAxis<Option<Nanometres>>,
     pub speed: Option<MicrometresPerSecond>,
+    pub ending: Ending,
 }
 
 /// Motor counts that axes go to together; `None` rests.

@@ -26,5 +26,5 @@ mod switches;
 pub mod track;
 
 pub use engine::{Engine, SERVICE, StepTimers};
-pub use facade::{Motion, MotionEvent};
+pub use facade::{Ending, Motion, MotionEvent};
 pub use record::{RING, Record};

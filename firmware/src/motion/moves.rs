@@ -1,6 +1,6 @@
 //! Moves: planned here, handed to the engine, stopped and held.
 
-use super::facade::{Leg, Motion, Task, Wish};
+use super::facade::{Ending, Leg, Motion, Task, Wish};
 use super::homing::Homing;
 use super::lane::Lane;
 use super::limits::{self, RECORDS_PER_SECOND, TICKS};
@@ -37,6 +37,7 @@ impl Motion {
         board: &mut impl Board,
         to: &PerAxis<Option<Nanometres>>,
         speed: Option<MicrometresPerSecond>,
+        ending: Ending,
     ) -> Result<MotionId, Refusal> {
         let waits = match &self.task {
             _ if self.emergency => return Err(Refusal::Emergency),
@@ -66,7 +67,7 @@ impl Motion {
         }
         self.straight(&from, &goal, speed)?;
         let id = self.next_id();
-        let wish = Wish { id, to: *to, speed };
+        let wish = Wish { id, to: *to, speed, ending };
         let _ = self.queue.push_back(wish);
         if !waits {
             self.next_move(now, board);
@@ -88,7 +89,8 @@ impl Motion {
             let from = known.seen.wrapping_sub(known.play.slack);
             let to = known.settings.steps_per_um.steps(to).0;
             let overshoot = (super::backlash::OVERSHOOT_UM * scale + 0.5) as i32 + known.play.width;
-            let legs = known.play.legs(from, to, known.settings.approach, overshoot);
+            let side = known.settings.approach.filter(|_| wish.ending == Ending::Approach);
+            let legs = known.play.legs(from, to, side, overshoot);
             (take_up[index], main[index], approach[index]) = (legs.take_up, legs.main, legs.approach);
             if legs.approach.is_some() {
                 let far = f64::from(overshoot) / scale;
