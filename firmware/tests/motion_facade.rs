@@ -4,7 +4,7 @@ mod motion_model;
 
 use motion_model::Mock;
 use parfocal_firmware::motion::{Ending, Motion, MotionEvent};
-use parfocal_protocol::message::{Refusal, StopCause, Trust};
+use parfocal_protocol::message::{Refusal, StopCause, TriggerPlan, Trust};
 use parfocal_protocol::settings::{AxisSettings, Driver, Side};
 use parfocal_protocol::units::*;
 
@@ -150,4 +150,58 @@ fn an_emergency_keeps_counting_and_distrusts() {
     board.run(&mut motion, 5000, over);
     assert_eq!(motion.steps(&mut board)[0].0, 0);
     assert_eq!(board.seen(0, false, false), -before);
+}
+
+#[test]
+fn a_vibration_follows_its_cosine_and_stops_when_told() {
+    for stop_after in [None, Some(100), Some(171), Some(222), Some(260)] {
+        let (mut board, mut motion) = ready(|s| s.acceleration = MicrometresPerSecond2(20_000.0));
+        let id = motion.vibrate(board.now(), &mut board, Axis(1), Nanometres(5_000), Hertz(8.0), 3).unwrap();
+        let mut events = board.run(&mut motion, stop_after.unwrap_or(10_000), over);
+        if stop_after.is_some() {
+            motion.stop(board.now(), &mut board, StopCause::Asked);
+            events = board.run(&mut motion, 300, over);
+            assert_eq!(events, [MotionEvent::Stopped { motion: id, cause: StopCause::Asked }]);
+        } else {
+            assert_eq!(events, [MotionEvent::InPosition(id)]);
+            // The swings' edges against the library's cosine, each within a tick.
+            let steps = board.bench.steps(1, false);
+            let swing = &steps[50..650];
+            let omega = std::f64::consts::TAU * 8.0 / 84e6;
+            let first = (1.0f64 - 0.5 / 50.0).acos() / omega;
+            let begin = swing[0].0 as f64 - first;
+            let mut at = 50.0f64;
+            for (tick, up) in swing {
+                let edge = if *up { at + 0.5 } else { at - 0.5 };
+                at += if *up { 1.0 } else { -1.0 };
+                let turns = ((*tick as f64 - begin) * omega / std::f64::consts::TAU).floor();
+                let angle = if *up { std::f64::consts::TAU - (edge / 50.0).acos() } else { (edge / 50.0).acos() };
+                let exact = (turns * std::f64::consts::TAU + angle) / omega;
+                assert!((*tick as f64 - begin - exact).abs() <= 2.0, "{tick} {exact}");
+            }
+        }
+        assert_eq!(motion.steps(&mut board)[1].0, board.seen(1, false, false), "{stop_after:?}");
+    }
+}
+
+#[test]
+fn camera_pulses_come_with_the_step() {
+    let (mut board, mut motion) = ready(|s| s.backlash = Nanometres(2_000));
+    board.run(&mut motion, 50, |_| false);
+    let plan = TriggerPlan::Every { axis: Axis(0), first: Nanometres(20_000), every: Nanometres(1_500), count: 40 };
+    motion.trigger(&mut board, &plan).unwrap();
+    let to = [Some(Nanometres(100_000)), None, None, None];
+    motion.move_to(board.now(), &mut board, &to, None, Ending::Approach).unwrap();
+    let events = board.run(&mut motion, 1000, over);
+    let told: Vec<_> = events.iter().filter(|e| matches!(e, MotionEvent::Triggered { .. })).collect();
+    assert_eq!(told.len(), 40);
+    let steps = board.bench.steps(0, false);
+    for (i, event) in told.iter().enumerate() {
+        // 20 steps of play, then 200 to the first pulse, 15 from one to the next.
+        let step = steps[20 + 200 + 15 * i - 1].0;
+        let pulse = board.bench.timers.camera_pulse().unwrap();
+        assert!(pulse.abs_diff(step) <= 1, "{i}: {pulse} {step}");
+        let at = Nanometres(20_000 + 1_500 * i as i32);
+        assert_eq!(**event, MotionEvent::Triggered { index: i as u16, time: BoardTime(step / 84), position: at });
+    }
 }

@@ -5,7 +5,7 @@ use super::swing::Quarter;
 use heapless::Deque;
 
 /// Phases an axis holds, those over and those to come.
-pub const PHASES: usize = 16;
+pub const PHASES: usize = 14;
 
 /// An edge to come.
 #[derive(Clone, Copy, Debug)]

@@ -5,6 +5,8 @@ use super::record::{LONGEST, RING, Record};
 use super::ring::WAKE;
 use super::swing::{AMPLITUDE, Quarter};
 use super::track::{Pulse, Track};
+use super::trigger::AHEAD;
+use heapless::Deque;
 use parfocal_protocol::units::{AXES, BoardTime};
 
 /// The step interrupt comes this often, ticks: 100 µs. At the top rate it lays 191 records, of a ring of 512.
@@ -18,6 +20,9 @@ pub const GAP: u64 = 210_000;
 
 /// Silence laid before the timers start, ticks.
 const START: u32 = 20 * LONGEST;
+
+/// Length of the silent period that timers begin with, ticks; record 0 begins after it.
+pub const FIRST: u32 = 168;
 
 /// Timer ticks a µs.
 pub const TICKS_PER_US: u64 = 84;
@@ -34,6 +39,11 @@ pub trait StepTimers {
     fn count(&mut self, axis: usize) -> Option<u32> {
         let _ = axis;
         None
+    }
+
+    /// Gives a camera pulse `ticks` from now, at most two service intervals ahead.
+    fn trigger(&mut self, ticks: u32) {
+        let _ = ticks;
     }
 
     /// A free-running counter at [`CLOCK_PER_TICK`] times the step timers' rate, e.g. the cycle counter. Wraps at 2³².
@@ -80,6 +90,8 @@ pub struct Engine {
     /// The axis to be looked at next for records that DMA delivered too late.
     look: usize,
     late: Option<usize>,
+    /// Ticks of camera pulses to come.
+    triggers: Deque<u64, AHEAD>,
 }
 
 /// Ticks by which a timer may be off the clock: software reads one after the other. A record is longer.
@@ -109,6 +121,7 @@ impl Engine {
             skew: [None; AXES],
             look: 0,
             late: None,
+            triggers: Deque::new(),
         }
     }
 
@@ -118,7 +131,7 @@ impl Engine {
     }
 
     /// Lays silence into every ring from slot 0, for streams that are not running; the caller then points the streams at
-    /// [`Self::ring`], starts them and all timers, and calls [`Self::service`] every [`SERVICE`] ticks. `clock` is
+    /// [`Self::ring`], starts them and all timers with a silent period of [`FIRST`] ticks at the levels of record 0, and calls [`Self::service`] every [`SERVICE`] ticks. `clock` is
     /// [`StepTimers::clock`] now.
     pub fn start(&mut self, now: BoardTime, clock: u32) {
         self.now = now.0 * TICKS_PER_US;
@@ -126,7 +139,7 @@ impl Engine {
         (self.clock, self.rest) = (clock, 0);
         (self.lead, self.dry, self.skew) = (LEAD, None, [None; AXES]);
         for track in &mut self.tracks {
-            track.prepare(self.now, START);
+            track.prepare(self.now + u64::from(FIRST), START);
         }
         self.running = true;
     }
@@ -150,6 +163,7 @@ impl Engine {
             return;
         }
         self.compare(timers);
+        self.give_trigger(timers);
         // One horizon for all: should they run dry, then together.
         let mut horizon = self.now + self.lead;
         let mut full = self.now + LEAD;
@@ -185,6 +199,13 @@ impl Engine {
         }
         let now = self.now + u64::from(clock.wrapping_sub(self.clock) / CLOCK_PER_TICK);
         let off = (track.played(None).1 + u64::from(count)).wrapping_sub(now) as i64;
+        if axis == 0 && self.skew[0].is_none() && off.abs() < i64::from(SERVICE) {
+            // Timers were started, or woken, a little after the clock was read: from now on both agree.
+            self.now = self.now.saturating_add_signed(off);
+            self.behind = self.behind.saturating_add_signed(-off);
+            self.skew = [Some(0), None, None, None];
+            return;
+        }
         if let Some(skew) = self.skew.get_mut(axis) {
             let was = *skew.get_or_insert(off);
             if (off - was).abs() > OFF {
@@ -192,6 +213,14 @@ impl Engine {
                 self.late = Some(axis);
             }
         }
+    }
+
+    /// Prepares the next camera pulse when it is near. One that is late is given at once.
+    fn give_trigger(&mut self, timers: &mut impl StepTimers) {
+        let Some(at) = self.triggers.front().filter(|at| **at < self.now + u64::from(2 * SERVICE)) else { return };
+        let passed = u64::from(timers.clock().wrapping_sub(self.clock) / CLOCK_PER_TICK);
+        timers.trigger(at.saturating_sub(self.now + passed) as u32);
+        self.triggers.pop_front();
     }
 
     /// An axis on which DMA was too late for a record since this was last asked: its steps are not what was planned.
@@ -320,6 +349,19 @@ impl Engine {
     /// Edge times of the one vibration that goes on at a time.
     pub fn quarter(&mut self) -> &mut Quarter {
         &mut self.quarter
+    }
+
+    /// Adds a camera pulse for a tick of an axis, behind those known. False when there is no room.
+    pub fn add_trigger(&mut self, axis: usize, tick: u64) -> bool {
+        let skew = self.skew.get(axis).copied().flatten().unwrap_or(0);
+        self.triggers.push_back(tick.saturating_add_signed(-skew)).is_ok()
+    }
+
+    /// Drops camera pulses from a tick on.
+    pub fn drop_triggers(&mut self, tick: u64) {
+        while self.triggers.back().is_some_and(|at| *at >= tick) {
+            self.triggers.pop_back();
+        }
     }
 
     /// The longest time that pulses stood still in a motion since this was last asked.

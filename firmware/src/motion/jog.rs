@@ -3,8 +3,9 @@
 use super::facade::{Known, Motion, Task};
 use super::lane::Lane;
 use super::limits::{self, TICKS};
-use super::path::{Limits, Path, State};
+use super::path::{Limits, Path};
 use super::stops::PLANNING;
+use super::stretch::State;
 use crate::ports::Board;
 use parfocal_protocol::message::{Field, MotionId, Refusal};
 use parfocal_protocol::settings::Side;
@@ -40,6 +41,18 @@ impl Motion {
         let um_s = f64::from(speed.0.abs());
         if um_s != 0.0 && !(um_s >= low && um_s <= high) {
             return Err(Refusal::OutOfRange { field: Field::Speed, low: low as f32, high: high as f32 });
+        }
+        if let Task::Jog { wanted } = &self.task {
+            // What the other axes' pulses leave of what DMA can carry.
+            let others: f64 = (0..AXES)
+                .filter(|i| *i != index)
+                .map(|i| limits::records(&self.known(i).settings, wanted[i].abs() * TICKS))
+                .sum();
+            let left = limits::RECORDS_PER_SECOND - others;
+            if limits::records(&settings, um_s * scale) > left {
+                let high = left / limits::records(&settings, scale);
+                return Err(Refusal::OutOfRange { field: Field::Speed, low: low as f32, high: high as f32 });
+            }
         }
         let side = if speed.0 > 0.0 { Side::High } else { Side::Low };
         if um_s != 0.0 {
@@ -97,7 +110,7 @@ impl Motion {
             let next = if same_way { faster_or_slower(lane, tick, wanted.abs()) } else { lane.stopping(tick) };
             let Some(next) = next else { return };
             let mut plans = [const { None }; AXES];
-            plans[index] = Some(next);
+            plans[index] = Some((next, lane.steps_before(tick)));
             if self.splice(board, tick, plans) {
                 return;
             }

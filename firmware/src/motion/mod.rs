@@ -21,9 +21,11 @@ mod poll;
 pub mod record;
 mod ring;
 mod stops;
+pub mod stretch;
 mod swing;
 mod switches;
 pub mod track;
+mod trigger;
 
 pub use engine::{Engine, SERVICE, StepTimers};
 pub use facade::{Ending, Motion, MotionEvent};

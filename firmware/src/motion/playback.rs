@@ -1,7 +1,8 @@
 //! The step timers and their DMA in software: plays the rings as the hardware does, for the simulator and for tests.
 
-use super::engine::{CLOCK_PER_TICK, Engine, StepTimers};
+use super::engine::{CLOCK_PER_TICK, Engine, FIRST, StepTimers};
 use super::record::{RING, Record};
+use heapless::Deque;
 use parfocal_protocol::units::AXES;
 
 /// What an output did.
@@ -22,6 +23,8 @@ pub struct Change {
 pub struct Playback {
     axes: [Timer; AXES],
     tick: u64,
+    /// Ticks of camera pulses given.
+    pulses: Deque<u64, 64>,
     /// Most ticks between a request and the record's arrival.
     latency: u32,
 }
@@ -44,15 +47,12 @@ struct Timer {
 }
 
 impl Playback {
-    /// Ticks for which each timer is silent before record 0.
-    pub const FIRST: u32 = 168;
-
     /// Streams at slot 0, timers about to start.
     pub fn new(engine: &Engine) -> Self {
         let axes = core::array::from_fn(|axis| {
             let ring = engine.ring(axis);
             Timer {
-                active: Record::pulse(Self::FIRST, ring[0].ccr1, ring[0].ccr2),
+                active: Record::pulse(FIRST, ring[0].ccr1, ring[0].ccr2),
                 preload: ring[0],
                 fifo: ring[1],
                 fetched: 1,
@@ -64,7 +64,7 @@ impl Playback {
                 random: 1 + axis as u32,
             }
         });
-        Self { axes, tick: 0, latency: 0 }
+        Self { axes, tick: 0, pulses: Deque::new(), latency: 0 }
     }
 
     /// From now on every record arrives up to so many ticks after it was asked for, drawn evenly. A request that
@@ -87,6 +87,11 @@ impl Playback {
             timer.play(engine.ring(axis), latency, start, end, told);
         }
         self.tick = end;
+    }
+
+    /// The next camera pulse given, ticks since the start; the oldest of 64 kept.
+    pub fn camera_pulse(&mut self) -> Option<u64> {
+        self.pulses.pop_front()
     }
 
     /// Whether an axis' timer stands.
@@ -176,6 +181,13 @@ impl StepTimers for Playback {
 
     fn count(&mut self, axis: usize) -> Option<u32> {
         self.axes.get(axis).map(|t| t.count)
+    }
+
+    fn trigger(&mut self, ticks: u32) {
+        if self.pulses.is_full() {
+            self.pulses.pop_front();
+        }
+        let _ = self.pulses.push_back(self.tick + u64::from(ticks));
     }
 
     fn clock(&mut self) -> u32 {

@@ -53,8 +53,12 @@ impl Motion {
         let mut margin = PLANNING;
         for _ in 0..4 {
             let tick = board.pulses(|engine| engine.laid(axes)) + margin;
-            let plans: [Option<Lane>; AXES] = core::array::from_fn(|i| {
-                self.known(i).lane.as_ref().filter(|_| axes[i]).and_then(|lane| lane.stopping(tick))
+            let plans = core::array::from_fn(|i| match &self.task {
+                _ if !axes[i] => None,
+                Task::Swing(swinging) if swinging.axis == i && swinging.swings() => {
+                    swinging.stopping(tick, self.known(i))
+                }
+                _ => self.known(i).lane.as_ref().and_then(|lane| Some((lane.stopping(tick)?, lane.steps_before(tick)))),
             });
             if self.splice(board, tick, plans) {
                 return;
@@ -63,27 +67,33 @@ impl Motion {
         }
     }
 
-    /// Replaces the paths of some axes from a tick on. False when it was too late for that.
-    pub(super) fn splice(&mut self, board: &mut impl Board, tick: u64, plans: [Option<Lane>; AXES]) -> bool {
-        let phases: [_; AXES] = core::array::from_fn(|i| plans[i].as_ref().map(Lane::phases));
-        let before: [u32; AXES] =
-            core::array::from_fn(|i| self.known(i).lane.as_ref().map_or(0, |lane| lane.steps_before(tick)));
+    /// Replaces the paths of some axes from a tick on; each comes with the edges that remain of the phase there. False when
+    /// it was too late for that.
+    pub(super) fn splice(&mut self, board: &mut impl Board, tick: u64, plans: [Option<(Lane, u32)>; AXES]) -> bool {
+        let phases: [_; AXES] =
+            core::array::from_fn(|i| plans[i].as_ref().map(|(lane, before)| (lane.phases(), *before)));
         let done = board.pulses(|engine| {
             if engine.laid(core::array::from_fn(|i| phases[i].is_some())) > tick {
                 return false;
             }
             let mut all = true;
-            for (index, (phases, before)) in phases.iter().zip(before).enumerate() {
-                if let Some(phases) = phases {
-                    all &= engine.cut(index, tick, before) && engine.append(index, phases);
+            for (index, plan) in phases.iter().enumerate() {
+                if let Some((phases, before)) = plan {
+                    engine.drop_triggers(tick);
+                    all &= engine.cut(index, tick, *before) && engine.append(index, phases);
                 }
             }
             all
         });
         if done {
+            self.triggers.cut(tick);
             for (known, plan) in self.axes.iter_mut().zip(plans) {
-                if let Some(plan) = plan {
-                    known.past = known.lane.replace(plan);
+                if let Some((lane, _)) = plan {
+                    if known.lane.is_none() {
+                        // Out of a vibration: its turns are not followed one by one.
+                        (known.seen, known.play) = (lane.base, lane.play);
+                    }
+                    known.past = known.lane.replace(lane);
                 }
             }
         }
@@ -112,6 +122,8 @@ impl Motion {
         }
         (self.quiet, self.stopping) = (None, None);
         self.queue.clear();
+        self.triggers.cut(0);
+        board.pulses(|engine| engine.drop_triggers(0));
         if !matches!(core::mem::take(&mut self.task), Task::Rest) {
             self.stopped = Some(cause);
             self.tell(MotionEvent::Stopped { motion: self.running, cause });

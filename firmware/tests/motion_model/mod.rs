@@ -48,7 +48,7 @@ impl Bench {
             if !c.step {
                 dir = c.high;
             } else if c.high || both {
-                out.push((c.tick - u64::from(Playback::FIRST), dir));
+                out.push((c.tick, dir));
             }
         }
         out
