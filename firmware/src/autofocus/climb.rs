@@ -6,8 +6,34 @@ use super::peak::{self, smooth};
 use super::{Next, Search};
 
 #[derive(Clone, Copy, Debug)]
-pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32, pub wide: f64 }
-pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 0.5, plaus: 3.0, turn_at: 0, wide: 4.0 };
+pub struct Tuning {
+    pub sense: u32,
+    pub stay: u32,
+    pub per: u16,
+    pub turn: f64,
+    pub fall: f64,
+    pub quiet: f64,
+    pub base: i32,
+    pub extra: u16,
+    pub bias: f64,
+    pub plaus: f64,
+    pub turn_at: i32,
+    pub wide: f64,
+}
+pub const TUNING: Tuning = Tuning {
+    sense: 32,
+    stay: 32,
+    per: 2,
+    turn: 2.5,
+    fall: 5.5,
+    quiet: 2e-4,
+    base: 90,
+    extra: 12,
+    bias: 0.5,
+    plaus: 3.0,
+    turn_at: 0,
+    wide: 4.0,
+};
 
 /// State of a climb.
 #[derive(Clone, Debug)]
@@ -25,15 +51,31 @@ pub struct Climb {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Stage { Walk, Refine { goal: i32, rounds: u8 } }
+enum Stage {
+    Walk,
+    Refine { goal: i32, rounds: u8 },
+}
 
 impl Climb {
     /// A climb with the trap radius and the probe in places.
     pub fn new(trap: i32, probe: i32) -> Self {
-        Self { tuning: TUNING, trap, probe, heading: 0, best: None, stage: Stage::Walk, travelled: 0, last: 0, turned: false, ends: [(0.0, 0); 2] }
+        Self {
+            tuning: TUNING,
+            trap,
+            probe,
+            heading: 0,
+            best: None,
+            stage: Stage::Walk,
+            travelled: 0,
+            last: 0,
+            turned: false,
+            ends: [(0.0, 0); 2],
+        }
     }
 
-    pub fn best_place(&self) -> Option<i32> { self.best.map(|b| b.0) }
+    pub fn best_place(&self) -> Option<i32> {
+        self.best.map(|b| b.0)
+    }
     fn budget(&self, curve: &Curve) -> i32 {
         self.tuning.base + 2 * self.travelled / STRIDE - curve.frames() as i32
     }
@@ -43,7 +85,10 @@ impl Climb {
         for p in here - h..=here + h {
             let v = if sigma > 0.0 { smooth(curve, p) } else { curve.at(Place(p)).map(|c| c.mean) };
             let Some(v) = v else { continue };
-            match self.best { Some((q, b)) if q != p && b >= v => {}, _ => self.best = Some((p, v)) }
+            match self.best {
+                Some((q, b)) if q != p && b >= v => {}
+                _ => self.best = Some((p, v)),
+            }
         }
     }
 
@@ -51,8 +96,12 @@ impl Climb {
         let Some((b, v)) = self.best else { return false };
         let seen = if side > 0 { curve.highest().0 } else { curve.lowest().0 };
         let end = if side > 0 { curve.last().0 } else { curve.first().0 };
-        if seen == end { return true; }
-        if (seen - b) * side < self.trap { return false; }
+        if seen == end {
+            return true;
+        }
+        if (seen - b) * side < self.trap {
+            return false;
+        }
         self.fell(curve, side, sigma)
     }
 
@@ -65,10 +114,14 @@ impl Climb {
     fn fell(&self, curve: &Curve, side: i32, sigma: f64) -> bool {
         let Some((b, v)) = self.best else { return false };
         let (m, n) = self.ends[usize::from(side > 0)];
-        if n == 0 { return false; }
+        if n == 0 {
+            return false;
+        }
         let s = sigma * v.max(-v);
         let e = s * root(1.0 / f64::from(n) + 0.4 / f64::from(self.tuning.per));
-        if v - m > self.tuning.fall * e { return true; }
+        if v - m > self.tuning.fall * e {
+            return true;
+        }
         let (w, k) = curve.mean(b - 4 * STRIDE, b + 4 * STRIDE);
         k > 0 && w - m > self.tuning.wide * s * root(1.0 / f64::from(n) + 1.0 / f64::from(k))
     }
@@ -81,16 +134,33 @@ impl Climb {
             return Some(Next::Sample(Place(here)));
         }
         let (up, down) = (self.done(curve, 1, sigma), self.done(curve, -1, sigma));
-        if up && down { return None; }
-        if up { self.heading = -1; } else if down { self.heading = 1; } else {
+        if up && down {
+            return None;
+        }
+        if up {
+            self.heading = -1;
+        } else if down {
+            self.heading = 1;
+        } else {
             let reference = curve.reference();
             let s = sigma * reference.max(-reference);
             let z = curve.trend().significance(s) * f64::from(self.heading);
-            if here.abs() == self.probe && curve.lowest().0.min(-curve.highest().0) == -self.probe && sigma > 0.0 && z.abs() < t.turn && u32::from(frames) < t.stay && self.budget(curve) > 0 {
+            if here.abs() == self.probe
+                && curve.lowest().0.min(-curve.highest().0) == -self.probe
+                && sigma > 0.0
+                && z.abs() < t.turn
+                && u32::from(frames) < t.stay
+                && self.budget(curve) > 0
+            {
                 return Some(Next::Sample(Place(here)));
             }
-            if z < -t.turn && here.abs() >= 2 * STRIDE && !self.fell(curve, -self.heading, sigma) { self.heading = -self.heading; self.turned = true; }
-            else if !self.turned && t.turn_at > 0 && here.abs() == t.turn_at && z < t.turn { self.heading = -self.heading; self.turned = true; }
+            if z < -t.turn && here.abs() >= 2 * STRIDE && !self.fell(curve, -self.heading, sigma) {
+                self.heading = -self.heading;
+                self.turned = true;
+            } else if !self.turned && t.turn_at > 0 && here.abs() == t.turn_at && z < t.turn {
+                self.heading = -self.heading;
+                self.turned = true;
+            }
         }
         let seen = if self.heading > 0 { curve.highest().0 } else { curve.lowest().0 };
         Some(Next::Sample(Place(seen + self.heading * STRIDE)))
@@ -99,7 +169,13 @@ impl Climb {
     fn find(&self, curve: &Curve, sigma: f64) -> Option<peak::Peak> {
         let (b, _) = self.best?;
         let sigma = if sigma > self.tuning.quiet { sigma } else { 0.0 };
-        peak::find(curve, (b - self.trap * 2).max(curve.lowest().0), (b + self.trap * 2).min(curve.highest().0), sigma, self.tuning.bias)
+        peak::find(
+            curve,
+            (b - self.trap * 2).max(curve.lowest().0),
+            (b + self.trap * 2).min(curve.highest().0),
+            sigma,
+            self.tuning.bias,
+        )
     }
 
     fn refine(&mut self, curve: &Curve, here: i32, sigma: f64, goal: i32, rounds: u8) -> Next {
@@ -112,13 +188,19 @@ impl Climb {
         let s = sigma * v.max(-v);
         let top = self.best.map_or(v, |b| b.1);
         let frames = cell.map_or(0, |c| c.frames);
-        if v > top - self.tuning.plaus * s && frames < per + share.max(0) && self.budget(curve) > 0 && frames < per + self.tuning.extra {
+        if v > top - self.tuning.plaus * s
+            && frames < per + share.max(0)
+            && self.budget(curve) > 0
+            && frames < per + self.tuning.extra
+        {
             return Next::Sample(Place(here));
         }
         if here == goal {
             let Some(peak) = self.find(curve, sigma) else { return Next::Enough };
             let at = (if peak.at < 0.0 { peak.at - 0.5 } else { peak.at + 0.5 }) as i32;
-            if rounds == 0 || (at - here).abs() <= STRIDE || self.budget(curve) < 10 { return Next::Enough; }
+            if rounds == 0 || (at - here).abs() <= STRIDE || self.budget(curve) < 10 {
+                return Next::Enough;
+            }
             self.stage = Stage::Refine { goal: at, rounds: rounds - 1 };
             return Next::Sample(Place(here + (at - here).signum()));
         }
@@ -137,13 +219,23 @@ impl Search for Climb {
             return Next::Sample(Place(0));
         }
         self.take_in(curve, here, sigma);
-        if self.heading == 0 { self.heading = if curve.last().0 >= -curve.first().0 { 1 } else { -1 }; }
+        if self.heading == 0 {
+            self.heading = if curve.last().0 >= -curve.first().0 { 1 } else { -1 };
+        }
         match self.stage {
             Stage::Walk => {
-                if here == curve.highest().0 { self.ends[1] = self.end(curve, here, -1, sigma); }
-                if here == curve.lowest().0 { self.ends[0] = self.end(curve, here, 1, sigma); }
-                if let Some(next) = self.walk(curve, here, sigma) { return next; }
-                if sigma <= t.quiet { return Next::Enough; }
+                if here == curve.highest().0 {
+                    self.ends[1] = self.end(curve, here, -1, sigma);
+                }
+                if here == curve.lowest().0 {
+                    self.ends[0] = self.end(curve, here, 1, sigma);
+                }
+                if let Some(next) = self.walk(curve, here, sigma) {
+                    return next;
+                }
+                if sigma <= t.quiet {
+                    return Next::Enough;
+                }
                 let Some(peak) = self.find(curve, sigma) else { return Next::Enough };
                 let goal = (if peak.at < 0.0 { peak.at - 0.5 } else { peak.at + 0.5 }) as i32;
                 self.stage = Stage::Refine { goal, rounds: 4 };

@@ -246,7 +246,15 @@ impl Scan {
         }
         let sigma = self.curve.noise().relative();
         let b = self.search.best_place().unwrap_or(best.place.0);
-        let Some(peak) = peak::find(&self.curve, (b - 80).max(self.curve.lowest().0), (b + 80).min(self.curve.highest().0), if sigma > self.search.tuning.quiet { sigma } else { 0.0 }, self.search.tuning.bias) else { return self.abort(ScanRefusal::NoSignificantPeak) };
+        let Some(peak) = peak::find(
+            &self.curve,
+            (b - 80).max(self.curve.lowest().0),
+            (b + 80).min(self.curve.highest().0),
+            if sigma > self.search.tuning.quiet { sigma } else { 0.0 },
+            self.search.tuning.bias,
+        ) else {
+            return self.abort(ScanRefusal::NoSignificantPeak);
+        };
         let step = self.curve.position(Place(1)).0 - self.curve.position(Place(0)).0;
         let at = peak.at * f64::from(step);
         self.best = Nanometres(self.start.0 + at as i32);

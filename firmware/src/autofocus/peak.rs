@@ -84,7 +84,9 @@ fn fit(curve: &Curve, p: i32, sigma: f64) -> Option<Peak> {
     for h in WINDOWS {
         let c = round(at);
         if curve.lowest().0 > c - h || curve.highest().0 < c + h {
-            if best.is_some() { break; }
+            if best.is_some() {
+                break;
+            }
         }
         let reach = (f64::from(h) * 0.5).min(8.0);
         let steps = 8;
@@ -102,7 +104,13 @@ fn fit(curve: &Curve, p: i32, sigma: f64) -> Option<Peak> {
             break;
         }
         // Not a maximum: nothing to gain from this window.
-        if k[1] <= 0.0 && k[2] <= 0.0 { if best.is_some() { break; } else { continue; } }
+        if k[1] <= 0.0 && k[2] <= 0.0 {
+            if best.is_some() {
+                break;
+            } else {
+                continue;
+            }
+        }
         at = v;
         best = Some(Peak { at: v, value: k[0], error: e, window: h });
     }
@@ -124,13 +132,28 @@ fn solve(curve: &Curve, from: i32, to: i32, v: f64, sigma: f64) -> Option<(f64, 
         let x = f64::from(cell.place.0) - v;
         let y = cell.mean - reference;
         let q = x * x;
-        s0 += w; y0 += w * y; yy += w * y * y; n += 1.0;
-        if x < 0.0 { sl += w * q; sll += w * q * q; yl += w * q * y; } else { sr += w * q; srr += w * q * q; yr += w * q * y; }
+        s0 += w;
+        y0 += w * y;
+        yy += w * y * y;
+        n += 1.0;
+        if x < 0.0 {
+            sl += w * q;
+            sll += w * q * q;
+            yl += w * q * y;
+        } else {
+            sr += w * q;
+            srr += w * q * q;
+            yr += w * q * y;
+        }
     }
-    if sll <= 0.0 || srr <= 0.0 { return None; }
+    if sll <= 0.0 || srr <= 0.0 {
+        return None;
+    }
     // Eliminate l and r.
     let d = s0 - sl * sl / sll - sr * sr / srr;
-    if d <= 1e-9 * s0 { return None; }
+    if d <= 1e-9 * s0 {
+        return None;
+    }
     let a = (y0 - sl * yl / sll - sr * yr / srr) / d;
     let l = -(yl - a * sl) / sll;
     let r = -(yr - a * sr) / srr;

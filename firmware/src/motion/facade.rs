@@ -5,6 +5,7 @@ use super::homing::Homing;
 use super::lane::Lane;
 use super::limits;
 use super::switches::Debounce;
+use super::trigger::Triggers;
 use crate::ports::Board;
 use heapless::{Deque, Vec};
 use parfocal_protocol::message::{AxisStatus, MotionId, Refusal, StopCause, Trust};
@@ -25,6 +26,15 @@ pub enum MotionEvent {
         motion: MotionId,
         /// Why.
         cause: StopCause,
+    },
+    /// A camera pulse was given.
+    Triggered {
+        /// Number of the pulse within its plan, from 0.
+        index: u16,
+        /// When.
+        time: BoardTime,
+        /// Where the axis was.
+        position: Nanometres,
     },
     /// The emergency-stop input changed.
     EmergencyInput {
@@ -103,6 +113,7 @@ pub struct Motion {
     pub(super) stopping: Option<StopCause>,
     pub(super) stopped: Option<StopCause>,
     pub(super) held: bool,
+    pub(super) triggers: Triggers,
     pub(super) emergency: bool,
     pub(super) emergency_input: Debounce,
     pub(super) emergency_wired: bool,
@@ -140,6 +151,7 @@ impl Motion {
             stopping: None,
             stopped: None,
             held: false,
+            triggers: Triggers::new(),
             emergency: false,
             emergency_input: Debounce::default(),
             emergency_wired: false,
