@@ -25,7 +25,7 @@ pub struct Climb {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Stage { Walk, Refine { goal: i32, rounds: u8 } }
+enum Stage { Walk, Split, Refine { goal: i32, rounds: u8 } }
 
 impl Climb {
     /// A climb with the trap radius and the probe in places.
@@ -57,7 +57,11 @@ impl Climb {
     }
 
     fn end(&self, curve: &Curve, here: i32, side: i32, sigma: f64) -> (f64, u32) {
-        let far = here + if sigma > 0.0 { 7 * STRIDE * side } else { 0 };
+        if sigma == 0.0 {
+            // A mean of equal values may differ from them by a rounding.
+            return curve.at(Place(here)).map_or((0.0, 0), |c| (c.mean, 1));
+        }
+        let far = here + 7 * STRIDE * side;
         curve.mean(here.min(far), here.max(far))
     }
 
@@ -66,6 +70,7 @@ impl Climb {
         let Some((b, v)) = self.best else { return false };
         let (m, n) = self.ends[usize::from(side > 0)];
         if n == 0 { return false; }
+        if sigma == 0.0 { return v > m; }
         let s = sigma * v.max(-v);
         let e = s * root(1.0 / f64::from(n) + 0.4 / f64::from(self.tuning.per));
         if v - m > self.tuning.fall * e { return true; }
@@ -100,6 +105,28 @@ impl Climb {
         let (b, _) = self.best?;
         let sigma = if sigma > self.tuning.quiet { sigma } else { 0.0 };
         peak::find(curve, (b - self.trap * 2).max(curve.lowest().0), (b + self.trap * 2).min(curve.highest().0), sigma, self.tuning.bias)
+    }
+
+    /// Almost without noise, all that is left is what lies between two samples: half steps at the tops that may yet win.
+    fn split(&mut self, curve: &Curve, here: i32, sigma: f64) -> Next {
+        self.stage = Stage::Split;
+        let Some((b, _)) = self.best else { return Next::Enough };
+        let (from, to) = ((b - self.trap - STRIDE).max(curve.lowest().0), (b + self.trap + STRIDE).min(curve.highest().0));
+        let mut best = f64::MIN;
+        for p in from..=to { if let Some(top) = peak::top(curve, p) { if top.value > best { best = top.value; } } }
+        let mut next: Option<i32> = None;
+        let mut tops = 0;
+        for p in from..=to {
+            let Some(top) = peak::top(curve, p) else { continue };
+            if top.value + top.error + 3.0 * sigma * best.max(-best) < best { continue; }
+            tops += 1;
+            for q in [p - 1, p + 1] {
+                if q > from && q < to && curve.at(Place(q)).is_none() && next.is_none_or(|n| (q - here).abs() < (n - here).abs()) {
+                    next = Some(q);
+                }
+            }
+        }
+        match next { Some(q) if tops > 1 => Next::Sample(Place(q)), _ => Next::Enough }
     }
 
     fn refine(&mut self, curve: &Curve, here: i32, sigma: f64, goal: i32, rounds: u8) -> Next {
@@ -143,12 +170,15 @@ impl Search for Climb {
                 if here == curve.highest().0 { self.ends[1] = self.end(curve, here, -1, sigma); }
                 if here == curve.lowest().0 { self.ends[0] = self.end(curve, here, 1, sigma); }
                 if let Some(next) = self.walk(curve, here, sigma) { return next; }
-                if sigma <= t.quiet { return Next::Enough; }
+                if sigma <= t.quiet {
+                    return self.split(curve, here, sigma);
+                }
                 let Some(peak) = self.find(curve, sigma) else { return Next::Enough };
                 let goal = (if peak.at < 0.0 { peak.at - 0.5 } else { peak.at + 0.5 }) as i32;
                 self.stage = Stage::Refine { goal, rounds: 4 };
                 self.refine(curve, here, sigma, goal, 4)
             }
+            Stage::Split => self.split(curve, here, sigma),
             Stage::Refine { goal, rounds } => self.refine(curve, here, sigma, goal, rounds),
         }
     }

@@ -23,8 +23,7 @@ pub struct Peak {
 pub fn find(curve: &Curve, from: i32, to: i32, sigma: f64, bias: f64) -> Option<Peak> {
     let mut best: Option<(Peak, f64)> = None;
     if sigma == 0.0 {
-        let top = (from..=to).filter_map(|p| curve.at(Place(p))).reduce(|a, b| if b.mean > a.mean { b } else { a })?;
-        return Some(exact(curve, top.place.0, top.mean));
+        return (from..=to).filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
     }
     for p in from..=to {
         let Some(v) = smooth(curve, p) else { continue };
@@ -52,6 +51,17 @@ pub fn smooth(curve: &Curve, p: i32) -> Option<f64> {
 /// The nearest known place on one side.
 fn beside(curve: &Curve, p: i32, side: i32) -> Option<(f64, f64)> {
     (1..=STRIDE).find_map(|d| curve.at(Place(p + d * side))).map(|c| (f64::from(c.place.0 - p), c.mean))
+}
+
+/// The parabola's top at a place whose neighbours are lower; its error is what a narrow peak may hide between samples.
+pub fn top(curve: &Curve, p: i32) -> Option<Peak> {
+    let middle = curve.at(Place(p))?.mean;
+    let (l, r) = (beside(curve, p, -1)?, beside(curve, p, 1)?);
+    if l.1 > middle || r.1 > middle {
+        return None;
+    }
+    let drop = (middle - l.1) + (middle - r.1);
+    Some(Peak { error: 0.15 * drop, ..exact(curve, p, middle) })
 }
 
 fn exact(curve: &Curve, p: i32, value: f64) -> Peak {
