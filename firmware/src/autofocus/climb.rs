@@ -7,7 +7,7 @@ use super::{Next, Search};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32, pub wide: f64 }
-pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 0.5, plaus: 3.0, turn_at: 0, wide: 4.0 };
+pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 3.0, plaus: 3.0, turn_at: 0, wide: 4.0 };
 
 /// State of a climb.
 #[derive(Clone, Debug)]

@@ -82,69 +82,93 @@ fn exact(curve: &Curve, p: i32, value: f64) -> Peak {
     peak
 }
 
-/// Widens the window while a peak with a curvature of its own on each side still explains what it holds.
+/// Widens the window while one smooth peak still explains what it holds.
 fn fit(curve: &Curve, p: i32, sigma: f64) -> Option<Peak> {
-    let mut at = f64::from(p);
-    let mut best: Option<Peak> = None;
-    if let Some(c) = curve.at(Place(p)) {
-        let narrow = exact(curve, p, c.mean);
-        at = narrow.at;
-        best = Some(Peak { error: sigma * c.mean.max(-c.mean) / root(f64::from(c.frames)), ..narrow });
-    }
+    let narrow = exact(curve, p, curve.at(Place(p))?.mean);
+    let mut best = Peak { error: sigma * narrow.value.max(-narrow.value) / root(f64::from(curve.at(Place(p))?.frames)), ..narrow };
+    let mut bend = 0.0;
     for h in WINDOWS {
-        let c = round(at);
+        let c = round(best.at);
         if curve.lowest().0 > c - h || curve.highest().0 < c + h {
-            if best.is_some() { break; }
-        }
-        let reach = (f64::from(h) * 0.5).min(8.0);
-        let steps = 8;
-        let mut least: Option<(f64, [f64; 3], f64, f64, f64)> = None;
-        for i in -steps..=steps {
-            let v = at + reach * f64::from(i) / f64::from(steps);
-            let Some((rss, k, n, e)) = solve(curve, c - h, c + h, v, sigma) else { continue };
-            if least.is_none_or(|l| rss < l.0) {
-                least = Some((rss, k, v, n, e));
-            }
-        }
-        let Some((rss, k, v, n, e)) = least else { break };
-        let freedom = n - 4.0;
-        if freedom > 0.0 && rss > freedom + 2.5 * root(2.0 * freedom) && best.is_some() {
             break;
         }
-        // Not a maximum: nothing to gain from this window.
-        if k[1] <= 0.0 && k[2] <= 0.0 { if best.is_some() { break; } else { continue; } }
-        at = v;
-        best = Some(Peak { at: v, value: k[0], error: e, window: h });
+        let Some(mut f) = solve(curve, c, h, best.at, bend, sigma) else { continue };
+        if f.freedom > 0.0 && f.misfit > f.freedom + CHI * root(2.0 * f.freedom) {
+            break;
+        }
+        let limit = REACH * f64::from(h);
+        if !(f.bend > 0.0) || f.shift.abs() > limit {
+            continue;
+        }
+        let mut at = best.at + f.shift;
+        if let Some(again) = solve(curve, c, h, at, f.bend, sigma).filter(|a| a.bend > 0.0 && a.shift.abs() < limit) {
+            f = again;
+            at += f.shift;
+        }
+        bend = f.bend;
+        best = Peak { at, value: f.top, error: f.error, window: h };
     }
-    best
+    Some(best)
 }
 
 fn round(x: f64) -> i32 {
     (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i32
 }
 
-/// Least squares of `a − l·(x−v)²₋ − r·(x−v)²₊`: χ², (a, l, r), places used, standard error of a.
-fn solve(curve: &Curve, from: i32, to: i32, v: f64, sigma: f64) -> Option<(f64, [f64; 3], f64, f64)> {
-    let (mut s0, mut sl, mut sr, mut sll, mut srr) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let (mut y0, mut yl, mut yr, mut yy, mut n) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let p = round(v);
-    let reference = curve.at(Place(p)).or_else(|| curve.at(Place(p + 1))).or_else(|| curve.at(Place(p - 1)))?.mean;
-    for cell in (from..=to).filter_map(|p| curve.at(Place(p))) {
+struct Fit { top: f64, shift: f64, bend: f64, misfit: f64, freedom: f64, error: f64 }
+
+const CHI: f64 = 2.5;
+const REACH: f64 = 0.5;
+/// How much the two sides' curvatures differ, relative to their mean: a prior.
+const LOPSIDED: f64 = 0.2;
+
+/// Least squares of a + b·x − k·x² + d·x|x| + e·x⁴ around `v`, d held near 0 by the prior.
+fn solve(curve: &Curve, c: i32, h: i32, v: f64, bend: f64, sigma: f64) -> Option<Fit> {
+    const N: usize = 5;
+    let unit = f64::from(h);
+    let reference = curve.at(Place(c)).or_else(|| curve.at(Place(c + 1))).or_else(|| curve.at(Place(c - 1)))?.mean;
+    let s = sigma * reference.max(-reference);
+    let terms = if h < 4 { 3 } else if h < 6 { 4 } else { N };
+    let mut m = [[0.0f64; N + 1]; N];
+    let (mut yy, mut n) = (0.0, 0.0);
+    for cell in (c - h..=c + h).filter_map(|p| curve.at(Place(p))) {
         let w = f64::from(cell.frames);
-        let x = f64::from(cell.place.0) - v;
-        let y = cell.mean - reference;
-        let q = x * x;
-        s0 += w; y0 += w * y; yy += w * y * y; n += 1.0;
-        if x < 0.0 { sl += w * q; sll += w * q * q; yl += w * q * y; } else { sr += w * q; srr += w * q * q; yr += w * q * y; }
+        let x = (f64::from(cell.place.0) - v) / unit;
+        let y = (cell.mean - reference) / s;
+        let f = [1.0, x, x * x, x * x.max(-x), x * x * x * x];
+        for i in 0..terms {
+            for j in i..terms { m[i][j] += w * f[i] * f[j]; }
+            m[i][N] += w * f[i] * y;
+        }
+        yy += w * y * y;
+        n += 1.0;
     }
-    if sll <= 0.0 || srr <= 0.0 { return None; }
-    // Eliminate l and r.
-    let d = s0 - sl * sl / sll - sr * sr / srr;
-    if d <= 1e-9 * s0 { return None; }
-    let a = (y0 - sl * yl / sll - sr * yr / srr) / d;
-    let l = -(yl - a * sl) / sll;
-    let r = -(yr - a * sr) / srr;
-    let rss = yy - a * y0 + l * yl + r * yr;
-    let s = sigma * if reference < 0.0 { -reference } else { reference };
-    Some((rss / (s * s), [a + reference, l, r], n, s / root(d)))
+    for i in 0..terms { for j in 0..i { m[i][j] = m[j][i]; } }
+    if terms > 3 {
+        // The prior is one more measurement: d = 0 ± LOPSIDED·k.
+        let k = LOPSIDED * if bend > 0.0 { bend * unit * unit / s } else { 1.0 };
+        m[3][3] += 1.0 / (k * k);
+    }
+    let rhs: [f64; N] = core::array::from_fn(|i| m[i][N]);
+    // Gauss, then the first diagonal element of the inverse by a second right-hand side.
+    let mut g = [[0.0f64; N + 2]; N];
+    for i in 0..terms { for j in 0..terms { g[i][j] = m[i][j]; } g[i][N] = rhs[i]; g[i][N + 1] = if i == 0 { 1.0 } else { 0.0 }; }
+    for i in 0..terms {
+        if g[i][i] <= 1e-12 { return None; }
+        for r in 0..terms {
+            if r == i { continue; }
+            let q = g[r][i] / g[i][i];
+            for j in 0..N + 2 { g[r][j] -= q * g[i][j]; }
+        }
+    }
+    let x: [f64; N] = core::array::from_fn(|i| if i < terms { g[i][N] / g[i][i] } else { 0.0 });
+    let mut misfit = yy;
+    for i in 0..terms { misfit -= x[i] * rhs[i]; }
+    let bend = -x[2];
+    let shift = if bend > 0.0 { 0.5 * x[1] / bend * unit } else { 0.0 };
+    Some(Fit {
+        top: reference + s * (x[0] + if bend > 0.0 { 0.25 * x[1] * x[1] / bend } else { 0.0 }),
+        shift, bend: bend * s / (unit * unit), misfit, freedom: n - terms as f64 + if terms > 3 { 0.8 } else { 0.0 } - 1.0,
+        error: s * root(g[0][N + 1] / g[0][0]),
+    })
 }
