@@ -6,8 +6,8 @@ use super::peak::{self, smooth};
 use super::{Next, Search};
 
 #[derive(Clone, Copy, Debug)]
-pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32, pub wide: f64 }
-pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 3.0, plaus: 3.0, turn_at: 0, wide: 4.0 };
+pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32, pub wide: f64, pub gain: f64 }
+pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 1.8, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 3.0, plaus: 3.0, turn_at: 0, wide: 4.0, gain: 1.0 };
 
 /// State of a climb.
 #[derive(Clone, Debug)]
@@ -91,10 +91,13 @@ impl Climb {
             let reference = curve.reference();
             let s = sigma * reference.max(-reference);
             let z = curve.trend().significance(s) * f64::from(self.heading);
-            if here.abs() == self.probe && curve.lowest().0.min(-curve.highest().0) == -self.probe && sigma > 0.0 && z.abs() < t.turn && u32::from(frames) < t.stay && self.budget(curve) > 0 {
+            let (above, below) = (f64::from(curve.last().0 - curve.highest().0), f64::from(curve.lowest().0 - curve.first().0));
+            let odds = f64::from(self.heading) * (above - below) / (above + below);
+            let turn = t.turn + t.gain * odds;
+            if here.abs() == self.probe && curve.lowest().0.min(-curve.highest().0) == -self.probe && sigma > 0.0 && z.abs() < t.turn + t.gain && u32::from(frames) < t.stay && self.budget(curve) > 0 {
                 return Some(Next::Sample(Place(here)));
             }
-            if z < -t.turn && here.abs() >= 2 * STRIDE && !self.fell(curve, -self.heading, sigma) { self.heading = -self.heading; self.turned = true; }
+            if z < -turn && here.abs() >= 2 * STRIDE && !self.fell(curve, -self.heading, sigma) { self.heading = -self.heading; self.turned = true; }
             else if !self.turned && t.turn_at > 0 && here.abs() == t.turn_at && z < t.turn { self.heading = -self.heading; self.turned = true; }
         }
         let seen = if self.heading > 0 { curve.highest().0 } else { curve.lowest().0 };
