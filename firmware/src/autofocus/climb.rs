@@ -39,6 +39,12 @@ const FALL: f64 = 5.5;
 /// The same for the mean over [`BROAD`] to both sides of the best, which is picked among fewer.
 const BROAD_FALL: f64 = 4.0;
 
+/// A rise of this share of the curve's height is steep,
+const STEEP: f64 = 0.02;
+
+/// if it is this share of the value.
+const STEEP_AT_ALL: f64 = 0.005;
+
 /// Half a broad top, in places.
 const BROAD: i32 = 4 * STRIDE;
 
@@ -84,7 +90,11 @@ impl Climb {
             }
         };
         self.heading = Some(heading);
-        Some(Place(curve.seen(heading).0 + heading.sign() * STRIDE))
+        let seen = curve.seen(heading).0;
+        let half = !self.lengths.sweeping && quiet && steep(curve, heading);
+        // Off the grid a half step leads back to it.
+        let step = if half || seen % STRIDE != 0 { 1 } else { STRIDE };
+        Some(Place(seen + heading.sign() * step))
     }
 
     /// Whether a side needs no more looking at.
@@ -93,6 +103,15 @@ impl Climb {
         let past = (curve.seen(side).0 - best.0) * side.sign();
         curve.ahead(side) < STRIDE || (past >= self.lengths.trap && fell(curve, side))
     }
+}
+
+/// Whether the curve has risen steeply over the last two steps: a narrow top may follow, so the steps are halved.
+fn steep(curve: &Curve, heading: Side) -> bool {
+    let here = curve.here().0;
+    let (Some(cell), Some((_, best))) = (curve.at(Place(here)), curve.best()) else { return false };
+    let least = STEEP * (best - curve.floor());
+    let behind = (1..=2 * STRIDE).filter_map(|d| curve.at(Place(here - d * heading.sign())));
+    behind.map(|c| cell.mean - c.mean).any(|rise| rise > least && rise > STEEP_AT_ALL * magnitude(best))
 }
 
 /// Whether the values fall from the best place to the end seen on one side, beyond doubt.

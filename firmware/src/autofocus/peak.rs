@@ -18,8 +18,9 @@ const CAUTION: f64 = 3.0;
 /// Standard deviations of χ² above its mean at which a window is contradicted.
 const MISFIT: f64 = 2.5;
 
-/// What of the drop to its neighbours a narrow peak may hide above the parabola through them.
-const HIDDEN: f64 = 0.15;
+/// What of the drop to its neighbours a peak may hide above the parabola through them, if it lies halfway between two
+/// samples: a Gaussian whose standard deviation is one sample step hides 0.086.
+const HIDDEN: f64 = 0.1;
 
 /// How far a sweep's samples may lie apart, in places.
 const APART: i32 = 64;
@@ -63,8 +64,10 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
     if low.mean > middle.mean || high.mean > middle.mean {
         return None;
     }
-    let hidden = HIDDEN * ((middle.mean - low.mean) + (middle.mean - high.mean));
-    Some(Peak { error: hidden, ..parabola(middle, low, high) })
+    let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
+    let peak = parabola(middle, low, high);
+    let halfway = 4.0 * (peak.at - middle.x) / (high.x - low.x);
+    Some(Peak { error: HIDDEN * drop * halfway * halfway, ..peak })
 }
 
 /// The nearest known cell on one side.

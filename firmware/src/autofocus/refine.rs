@@ -73,11 +73,11 @@ impl Refine {
                 continue;
             }
             rivals += 1;
-            for q in [p - 1, p + 1] {
-                let nearer = next.is_none_or(|n| (q - here).abs() < (n - here).abs());
-                if q > from.0 && q < to.0 && nearer && curve.at(Place(q)).is_none() {
-                    next = Some(q);
-                }
+            // The half step on the side where the parabola's top lies.
+            let q = if top.at < f64::from(p) { p - 1 } else { p + 1 };
+            let nearer = next.is_none_or(|n| (q - here).abs() < (n - here).abs());
+            if q > from.0 && q < to.0 && nearer && curve.at(Place(q)).is_none() {
+                next = Some(q);
             }
         }
         match next {
