@@ -148,8 +148,8 @@ impl Valley {
     /// whose minimum stays far above the background.
     fn vanishes(&self, top: f64, floor: f64) -> bool {
         self.depth(top) > 0.4
-            && self.bottom.value - floor < 0.1 * (top - floor)
-            && self.bottom.value < 0.5 * self.lesser_lobe
+            && self.bottom.value - floor < 0.2 * (top - floor)
+            && self.bottom.value < 0.55 * self.lesser_lobe
     }
 }
 

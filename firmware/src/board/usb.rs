@@ -58,14 +58,8 @@ pub fn start(spawner: Spawner, port: Port) {
     config.serial_number = Some(embassy_stm32::uid::uid_hex());
     config.self_powered = true;
     config.max_power = 0;
-    let mut builder = Builder::new(
-        driver,
-        config,
-        CONFIGURATION.init([0; 128]),
-        BOS.init([0; 64]),
-        &mut [],
-        CONTROL.init([0; 64]),
-    );
+    let mut builder =
+        Builder::new(driver, config, CONFIGURATION.init([0; 128]), BOS.init([0; 64]), &mut [], CONTROL.init([0; 64]));
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), ENDPOINT);
     spawner.spawn(device(builder.build()).expect("spawned once"));
     spawner.spawn(run(class).expect("spawned once"));
