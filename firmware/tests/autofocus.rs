@@ -66,7 +66,12 @@ fn play(
     }
 }
 
-fn refused(parameters: &ScanParameters, start_um: f64, why: ScanRefusal, value: impl FnMut(u32, f64) -> Result<f64, FrameFault>) {
+fn refused(
+    parameters: &ScanParameters,
+    start_um: f64,
+    why: ScanRefusal,
+    value: impl FnMut(u32, f64) -> Result<f64, FrameFault>,
+) {
     let (outcome, _, z) = play(parameters, start_um, value);
     assert_eq!(outcome, Outcome::Refused(why), "{:?} from {start_um}", parameters.strategy);
     assert!((z - start_um).abs() < 0.001, "the axis is left at {z}, not at its start {start_um}");
@@ -119,7 +124,8 @@ fn a_blank_or_saturated_camera_is_refused_at_once() {
 #[test]
 fn a_single_fault_or_a_value_that_is_no_number_is_asked_for_again() {
     for bad in [Ok(f64::NAN), Ok(f64::INFINITY), Err(FrameFault::Stale), Err(FrameFault::Blank)] {
-        let (outcome, _, z) = play(&parameters(100), 0.0, |k, z| if k % 5 == 3 { bad } else { Ok(peak(z, 30.0, 12.0)) });
+        let (outcome, _, z) =
+            play(&parameters(100), 0.0, |k, z| if k % 5 == 3 { bad } else { Ok(peak(z, 30.0, 12.0)) });
         assert_eq!(outcome, Outcome::Focused);
         assert!((z - 30.0).abs() < 0.5, "{bad:?}: {z}");
     }
@@ -156,7 +162,10 @@ fn a_peak_at_or_beyond_an_end_of_the_range_is_refused() {
                         let (outcome, _, z) = play(&p, start, value);
                         let far_in_noise = noise > 0.0 && outcome == Outcome::Refused(ScanRefusal::NoSignificantPeak);
                         let edge = outcome == Outcome::Refused(ScanRefusal::PeakAtEdge);
-                        assert!(edge || far_in_noise, "{strategy:?}, noise {noise}, at {at} ± {width} from {start}: {outcome:?}");
+                        assert!(
+                            edge || far_in_noise,
+                            "{strategy:?}, noise {noise}, at {at} ± {width} from {start}: {outcome:?}"
+                        );
                         assert_eq!(z, start);
                     }
                 }
@@ -200,7 +209,9 @@ fn two_lobes_around_nothing_are_a_phase_object() {
 #[test]
 fn drifting_light_is_refused() {
     for rate in [0.002, -0.002] {
-        refused(&parameters(100), 0.0, ScanRefusal::LightDrifts, |k, z| Ok(peak(z, 30.0, 12.0) * (1.0 + rate * f64::from(k))));
+        refused(&parameters(100), 0.0, ScanRefusal::LightDrifts, |k, z| {
+            Ok(peak(z, 30.0, 12.0) * (1.0 + rate * f64::from(k)))
+        });
     }
 }
 
@@ -239,9 +250,16 @@ fn parameters_that_make_no_sense_are_refused_by_name() {
     assert_eq!(refused(good, 0), None);
     assert_eq!(refused(good, 100_001), Some(Field::ScanRange));
     assert_eq!(refused(ScanParameters { low: Nanometres(5), high: Nanometres(5), ..good }, 5), Some(Field::ScanRange));
-    assert_eq!(refused(ScanParameters { low: Nanometres(i32::MIN), high: Nanometres(i32::MAX), ..good }, 0), Some(Field::ScanRange));
+    assert_eq!(
+        refused(ScanParameters { low: Nanometres(i32::MIN), high: Nanometres(i32::MAX), ..good }, 0),
+        Some(Field::ScanRange)
+    );
     for step in [i32::MIN, -500, 0, 1, 200_001] {
-        assert_eq!(refused(ScanParameters { sample_step: Nanometres(step), ..good }, 0), Some(Field::SampleStep), "{step}");
+        assert_eq!(
+            refused(ScanParameters { sample_step: Nanometres(step), ..good }, 0),
+            Some(Field::SampleStep),
+            "{step}"
+        );
     }
     for trap in [i32::MIN, 0, 499, 70_000, i32::MAX] {
         assert_eq!(refused(ScanParameters { trap: Nanometres(trap), ..good }, 0), Some(Field::Trap), "{trap}");

@@ -126,11 +126,10 @@ pub fn fell(curve: &Curve, side: Side) -> bool {
         // One frame against one.
         return top - end.mean > FALL * SQRT_2 * sigma;
     }
-    let error = |frames: f64| sigma * root(1.0 / f64::from(end.frames) + 1.0 / frames);
+    let error = |variance: f64| sigma * root(1.0 / f64::from(end.frames) + variance);
     let broad = curve.level(Place(best.0 - BROAD), Place(best.0 + BROAD));
-    // 1 : 2 : 1 smoothing over three places is worth 8/3 of one.
-    top - end.mean > FALL * error(f64::from(FRAMES) * 8.0 / 3.0)
-        || (broad.frames > 0 && broad.mean - end.mean > BROAD_FALL * error(f64::from(broad.frames)))
+    top - end.mean > FALL * error(curve.smooth_variance(best))
+        || (broad.frames > 0 && broad.mean - end.mean > BROAD_FALL * error(1.0 / f64::from(broad.frames)))
 }
 
 impl Search for Climb {

@@ -94,6 +94,7 @@ pub struct Curve {
     best: Option<(Place, f64)>,
     noise: Noise,
     trend: Trend,
+    rest: Trend,
     revisits: Level,
     slots: [Slot; CELLS],
     bins: [Bin; Curve::BINS],
@@ -120,6 +121,7 @@ impl Curve {
             best: None,
             noise: Noise::default(),
             trend: Trend::default(),
+            rest: Trend::default(),
             revisits: Level::default(),
             slots: [Slot { mean: 0.0, off: 0.0, place: 0, frames: 0 }; CELLS],
             bins: [Bin::default(); Self::BINS],
@@ -186,6 +188,11 @@ impl Curve {
         &self.trend
     }
 
+    /// The line through the frames at the start, by their number: light that drifts shows.
+    pub fn rest(&self) -> &Trend {
+        &self.rest
+    }
+
     /// By how much the places that were visited again had changed, relative to their value: mean and count.
     pub fn revisits(&self) -> Level {
         self.revisits
@@ -228,6 +235,9 @@ impl Curve {
         let off = (z.0 - self.position(Place(place)).0) as f32 / self.unit as f32;
         if self.frames == 0 {
             self.reference = value;
+        }
+        if self.travelled == 0 && place == 0 {
+            self.rest.add(f64::from(self.frames), value - self.reference);
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());
@@ -287,6 +297,18 @@ impl Curve {
         let middle = self.at(place)?.mean;
         let side = |p: i32| self.at(Place(p)).map_or(middle, |c| c.mean);
         Some(0.25 * (side(place.0 - STRIDE) + 2.0 * middle + side(place.0 + STRIDE)))
+    }
+
+    /// The variance of [`Curve::smooth`] at a place, if that of one frame is 1.
+    pub fn smooth_variance(&self, place: Place) -> f64 {
+        let (mut own, mut variance) = (0.5, 0.0);
+        for side in [-STRIDE, STRIDE] {
+            match self.at(Place(place.0 + side)) {
+                Some(cell) => variance += 0.0625 / f64::from(cell.frames),
+                None => own += 0.25,
+            }
+        }
+        self.at(place).map_or(1.0, |cell| variance + own * own / f64::from(cell.frames))
     }
 
     /// The coarse curve: the middle of bin `i` of [`Curve::BINS`], and the mean of its frames less the first value.

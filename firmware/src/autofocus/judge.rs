@@ -44,6 +44,9 @@ pub fn judge(curve: &Curve, trap: i32, subject: Subject, sweeping: bool) -> Resu
     if subject == Subject::PhaseObject {
         return valley.filter(|v| v.is_focus(peak.value)).map(|v| v.bottom).ok_or(ScanRefusal::NoSignificantPeak);
     }
+    if !sweeping {
+        drifts(curve, height, peak.value)?;
+    }
     at_edge(curve, &peak, height)?;
     if ![Side::Low, Side::High].iter().all(|s| fell(curve, *s)) {
         return Err(ScanRefusal::NoSignificantPeak);
@@ -52,9 +55,6 @@ pub fn judge(curve: &Curve, trap: i32, subject: Subject, sweeping: bool) -> Resu
         return Err(ScanRefusal::PhaseObject);
     }
     two_peaks(curve, trap, height)?;
-    if !sweeping {
-        drifts(curve, height, peak.value)?;
-    }
     found.ok_or(ScanRefusal::NoSignificantPeak)
 }
 
@@ -111,8 +111,13 @@ fn two_peaks(curve: &Curve, trap: i32, height: f64) -> Result<(), ScanRefusal> {
     Ok(())
 }
 
-/// Refuses a curve whose places had changed when they were visited again.
+/// Refuses a curve whose values ran away at rest, or whose places had changed when they were visited again.
 fn drifts(curve: &Curve, height: f64, top: f64) -> Result<(), ScanRefusal> {
+    let rest = curve.rest();
+    let sure = magnitude(rest.significance(curve.noise().relative() * magnitude(curve.reference()))) > RUNAWAY;
+    if sure && magnitude(rest.slope()) * f64::from(curve.frames()) > DRIFT * height {
+        return Err(ScanRefusal::LightDrifts);
+    }
     let again = curve.revisits();
     if again.frames < 2 {
         return Ok(());
@@ -125,6 +130,9 @@ fn drifts(curve: &Curve, height: f64, top: f64) -> Result<(), ScanRefusal> {
         Ok(())
     }
 }
+
+/// Significance of a slope at rest that is no chance. A pure slope over n frames, taken for noise, has √n.
+const RUNAWAY: f64 = 4.8;
 
 /// The minimum between two lobes.
 #[derive(Clone, Copy, Debug)]

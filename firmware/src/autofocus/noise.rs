@@ -67,6 +67,14 @@ impl Trend {
     }
 }
 
+impl Trend {
+    /// The slope of the line.
+    pub fn slope(&self) -> f64 {
+        let sxx = self.n * self.xx - self.x * self.x;
+        if sxx > 0.0 { (self.n * self.xy - self.x * self.y) / sxx } else { 0.0 }
+    }
+}
+
 /// √x by Newton's method: the same on every machine. 0 for what is not positive.
 pub fn root(x: f64) -> f64 {
     if x <= 0.0 || !x.is_finite() {

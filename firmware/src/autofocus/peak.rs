@@ -124,6 +124,10 @@ fn widen(curve: &Curve, place: Place) -> Option<Peak> {
             at += fit.shift;
         }
         bend = Some(fit.bend);
+        if fit.error > best.error && best.error > 0.0 {
+            // Few frames far apart, as in a sweep: more terms than they can carry.
+            continue;
+        }
         best = Peak { at, value: fit.top, error: fit.error, window: half };
     }
     Some(best)
