@@ -9,3 +9,4 @@ pub mod model;
 pub mod rig;
 pub mod scene;
 pub mod stereo;
+pub mod strategies;
