@@ -111,7 +111,7 @@ fn models_in_space_survive_a_third_of_ten_points_wrong() {
 
 #[test]
 fn points_along_one_axis_at_a_time_are_solved_or_told() {
-    for (share, least) in [(0.0, 198), (0.1, 198), (0.3, 170)] {
+    for (share, least) in [(0.0, 198), (0.1, 198), (0.3, 180)] {
         let settings =
             Settings { tolerance: Some(6.0), prior: Some(ScalePrior::default()), ..Settings::new(Model::Affine) };
         let (solved, wrong) = score::<3>(settings, 1.5, |rng| {
@@ -123,7 +123,7 @@ fn points_along_one_axis_at_a_time_are_solved_or_told() {
             })
         });
         // Sets whose every point on an axis is wrong cannot be solved by anybody; they must be told.
-        assert!(solved >= least && wrong <= 2, "{share}: {solved} solved, {wrong} wrong");
+        assert!(solved >= least && wrong <= 3, "{share}: {solved} solved, {wrong} wrong");
     }
 }
 
