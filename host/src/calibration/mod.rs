@@ -1,5 +1,15 @@
 //! From pixels to every manipulator: frames of reference, robust solvers, registration.
 
+pub mod camera;
 pub mod chain;
+mod error;
 pub mod frames;
+mod geometry;
+pub mod objective;
+pub mod pipette;
+pub mod registration;
 pub mod robust;
+pub mod samples;
+pub mod statistics;
+
+pub use error::CalibrationError;
