@@ -2,5 +2,7 @@
 //! board: time is an argument, the hardware is the trait [`ports::Board`].
 #![no_std]
 
+pub mod autofocus;
+pub mod keeping;
 pub mod motion;
 pub mod ports;

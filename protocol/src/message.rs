@@ -190,6 +190,8 @@ pub enum Request {
     },
     /// Restart into the chip's own USB bootloader.
     EnterDfu,
+    /// Ends the session; control is free again. What moves goes on to its end.
+    Goodbye,
 }
 
 /// What a session wants to do.

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod chain;
+pub mod coarse;
 mod error;
 pub mod frames;
 mod geometry;
