@@ -9,6 +9,7 @@ mod geometry;
 pub mod objective;
 pub mod pipette;
 pub mod registration;
+pub mod report;
 pub mod robust;
 pub mod samples;
 pub mod statistics;

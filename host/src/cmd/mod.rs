@@ -1,5 +1,7 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
+pub mod calibrate;
+mod coarse;
 pub mod focus;
 
 use clap::Subcommand;
@@ -7,6 +9,7 @@ use clap::Subcommand;
 /// Everything `parfocal` can be asked to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Calibrate(calibrate::Calibrate),
     Focus(focus::Focus),
 }
 
@@ -41,6 +44,7 @@ impl Output {
 /// Whatever stopped it, as one sentence for a person; the exit code is then 1.
 pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
     match command {
+        Command::Calibrate(calibrate) => calibrate::run(calibrate, out),
         Command::Focus(focus) => focus::run(focus, out),
     }
 }
