@@ -1,6 +1,8 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
 mod autofocus;
+mod calibrate;
+mod coarse;
 mod connection;
 mod focus;
 mod info;
@@ -27,6 +29,7 @@ pub enum Command {
     Stop(stop::Arguments),
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
+    Calibrate(Box<calibrate::Calibrate>),
     Focus(focus::Focus),
     Simulate(simulate::Arguments),
 }
@@ -45,6 +48,7 @@ pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
         Command::Stop(a) => a.run(out),
         Command::Settings(a) => a.run(out),
         Command::Autofocus(a) => a.run(out),
+        Command::Calibrate(a) => calibrate::run(*a, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Simulate(a) => a.run(out),
     }
