@@ -1,25 +1,32 @@
 //! Fits a pipette's end to the pixels about it.
 
-use super::model::{Cone, Drawing, PLACES, SHAPES};
+use super::dual::LANES;
+use super::model::{Cone, Drawing, GLASS, PLACES};
 use super::pyramid::Level;
 use nalgebra::{SMatrix, SVector};
+
+/// Shapes that mix linearly: the pipette's, and the light's level and two slopes.
+const SHAPES: usize = GLASS + 3;
 
 /// The pixels of a disc, with their weights.
 #[derive(Debug)]
 pub struct Patch {
-    pub x: f64,
-    pub y: f64,
-    pub radius: f64,
-    pub step: f64,
-    pub samples: Vec<Sample>,
+    x: f64,
+    y: f64,
+    step: f64,
+    radius: f32,
+    samples: Vec<Sample>,
+    /// Sum of the weights.
+    pub mass: f64,
 }
 
+/// A pixel: its place from the patch's middle, its value and its weight.
 #[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    pub x: f64,
-    pub y: f64,
-    pub value: f64,
-    pub weight: f64,
+struct Sample {
+    x: f32,
+    y: f32,
+    value: f32,
+    weight: f32,
 }
 
 impl Patch {
@@ -33,18 +40,21 @@ impl Patch {
         };
         let columns = range(x, level.width);
         let mut samples = Vec::with_capacity(columns.len() * columns.len());
+        let mut mass = 0.0;
         for j in range(y, level.height) {
-            let py = level.picture_px(j);
+            let dy = level.picture_px(j) - y;
             for i in columns.clone() {
-                let px = level.picture_px(i);
-                let d2 = ((px - x).powi(2) + (py - y).powi(2)) / (radius * radius);
-                if d2 < 1.0 {
-                    let value = f64::from(level.values[j * level.width + i]);
-                    samples.push(Sample { x: px, y: py, value, weight: (1.0 - d2).powi(2) });
+                let dx = level.picture_px(i) - x;
+                let share = (dx * dx + dy * dy) / (radius * radius);
+                if share < 1.0 {
+                    let value = level.values[j * level.width + i];
+                    let weight = (1.0 - share).powi(2);
+                    mass += weight;
+                    samples.push(Sample { x: dx as f32, y: dy as f32, value, weight: weight as f32 });
                 }
             }
         }
-        Self { x, y, radius, step, samples }
+        Self { x, y, step, radius: radius as f32, samples, mass }
     }
 }
 
@@ -52,23 +62,14 @@ impl Patch {
 #[derive(Clone, Debug)]
 pub struct Fit {
     pub cone: Cone,
-    pub mix: [f64; SHAPES],
-    /// Weighted sum of squared residuals over the sum of weights.
+    pub mix: [f64; GLASS],
+    /// Weighted mean of the squared residuals.
     pub residual: f64,
     /// The same without any pipette: level and slopes of the light alone.
     pub empty: f64,
     /// Standard errors of the tip along and across the pipette, px.
     pub error_along: f64,
     pub error_across: f64,
-}
-
-type Normal = SMatrix<f64, SHAPES, SHAPES>;
-type Mix = SVector<f64, SHAPES>;
-
-struct Projected {
-    mix: Mix,
-    /// Weighted squared residuals, priors not included.
-    squares: f64,
 }
 
 /// What is known of pipettes before looking: mean and standard deviation of each of a cone's numbers (an infinite one: nothing).
@@ -78,101 +79,152 @@ pub struct Prior {
     pub deviation: [f64; PLACES],
 }
 
-fn project(patch: &Patch, cone: Cone, weights: &[f64]) -> Projected {
-    let drawing = Drawing::new(cone, patch.step, patch.radius);
-    let mut normal = Normal::zeros();
-    let mut right = Mix::zeros();
-    let mut total = 0.0;
-    for (sample, w) in patch.samples.iter().zip(weights) {
-        let shapes = drawing.shapes(sample.x, sample.y);
-        for i in 0..SHAPES {
-            let wi = w * shapes[i];
-            right[i] += wi * sample.value;
-            for j in 0..=i {
-                normal[(i, j)] += wi * shapes[j];
+impl Prior {
+    fn penalty(&self, cone: &Cone) -> f64 {
+        let p = cone.to_array();
+        (0..PLACES).map(|i| ((p[i] - self.mean[i]) / self.deviation[i]).powi(2)).sum()
+    }
+}
+
+type Shapes = SMatrix<f64, SHAPES, SHAPES>;
+type Mix = SVector<f64, SHAPES>;
+type Places = SMatrix<f64, PLACES, PLACES>;
+
+/// The longest step of each number in one round.
+const LEAP: [f64; PLACES] = [12.0, 12.0, 0.3, 0.5, 0.5, 8.0, 0.5];
+
+/// All shapes at all samples of a patch, for one cone.
+struct Drawn {
+    rows: Vec<[f32; SHAPES]>,
+    mix: Mix,
+    squares: f64,
+    inverse: Shapes,
+}
+
+impl Drawn {
+    fn new(patch: &Patch, cone: &Cone, weights: &[f32]) -> Self {
+        let drawing = Drawing::plain(cone, patch.step, [patch.x, patch.y]);
+        let inverse = 1.0 / patch.radius;
+        let rows = patch
+            .samples
+            .iter()
+            .map(|s| {
+                let [a, b, c, d] = drawing.shapes(s.x, s.y);
+                [a, b, c, d, 1.0, s.x * inverse, s.y * inverse]
+            })
+            .collect();
+        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros() };
+        drawn.solve(patch, weights);
+        drawn
+    }
+
+    /// Mixes the shapes for the least weighted squares.
+    fn solve(&mut self, patch: &Patch, weights: &[f32]) {
+        let mut normal = [[0.0_f64; SHAPES]; SHAPES];
+        let mut right = [0.0_f64; SHAPES];
+        let mut total = 0.0;
+        for ((row, sample), w) in self.rows.iter().zip(&patch.samples).zip(weights) {
+            for i in 0..SHAPES {
+                let wi = f64::from(w * row[i]);
+                right[i] += wi * f64::from(sample.value);
+                for j in 0..=i {
+                    normal[i][j] += wi * f64::from(row[j]);
+                }
+            }
+            total += f64::from(w * sample.value * sample.value);
+        }
+        let mut matrix = Shapes::from_fn(|i, j| if j <= i { normal[i][j] } else { normal[j][i] });
+        // Shapes that look alike when blurred share the light evenly.
+        let ridge = 1e-4 * normal[GLASS][GLASS].max(1e-12);
+        for i in 0..GLASS {
+            matrix[(i, i)] += ridge;
+        }
+        let right = Mix::from(right);
+        self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
+        self.mix = self.inverse * right;
+        self.squares = (total - self.mix.dot(&right)).max(0.0);
+    }
+
+    fn residuals(&self, patch: &Patch) -> Vec<f32> {
+        let mix: [f32; SHAPES] = std::array::from_fn(|i| self.mix[i] as f32);
+        let drawn = self.rows.iter().map(|row| row.iter().zip(&mix).map(|(a, b)| a * b).sum::<f32>());
+        patch.samples.iter().zip(drawn).map(|(s, d)| s.value - d).collect()
+    }
+
+    /// Derivatives of the residuals by the cone's numbers, the mix following along (Kaufman 1975).
+    fn derivatives(&self, patch: &Patch, cone: &Cone, weights: &[f32]) -> Vec<[f32; LANES]> {
+        let drawing = Drawing::derived(cone, patch.step, [patch.x, patch.y]);
+        let mix: [f32; GLASS] = std::array::from_fn(|i| self.mix[i] as f32);
+        let mut shared = [[0.0_f64; LANES]; SHAPES];
+        let mut all: Vec<[f32; LANES]> = Vec::with_capacity(patch.samples.len());
+        for ((s, row), w) in patch.samples.iter().zip(&self.rows).zip(weights) {
+            let shapes = drawing.shapes(s.x, s.y);
+            let mut slopes = [0.0_f32; LANES];
+            for (shape, m) in shapes.iter().zip(&mix) {
+                for (sum, slope) in slopes.iter_mut().zip(&shape.slopes) {
+                    *sum -= m * slope;
+                }
+            }
+            for i in 0..SHAPES {
+                for k in 0..LANES {
+                    shared[i][k] += f64::from(w * row[i] * slopes[k]);
+                }
+            }
+            all.push(slopes);
+        }
+        let shared = SMatrix::<f64, SHAPES, LANES>::from_fn(|i, k| shared[i][k]);
+        let along = self.inverse * shared;
+        let along: [[f32; LANES]; SHAPES] = std::array::from_fn(|i| std::array::from_fn(|k| along[(i, k)] as f32));
+        for (slopes, row) in all.iter_mut().zip(&self.rows) {
+            for i in 0..SHAPES {
+                for k in 0..LANES {
+                    slopes[k] -= row[i] * along[i][k];
+                }
             }
         }
-        total += w * sample.value * sample.value;
+        all
     }
-    normal.fill_upper_triangle_with_lower_triangle();
-    // Shapes that look alike when blurred share the light evenly.
-    let ridge = 1e-4 * normal[(4, 4)].max(1e-12);
-    for i in 0..4 {
-        normal[(i, i)] += ridge;
-    }
-    let mix = normal.cholesky().map_or_else(Mix::zeros, |c| c.solve(&right));
-    Projected { mix, squares: (total - mix.dot(&right)).max(0.0) }
 }
 
-fn residuals(patch: &Patch, cone: Cone, mix: &Mix) -> Vec<f64> {
-    let drawing = Drawing::new(cone, patch.step, patch.radius);
-    patch
-        .samples
-        .iter()
-        .map(|s| {
-            let shapes = drawing.shapes(s.x, s.y);
-            s.value - shapes.iter().zip(mix.iter()).map(|(a, b)| a * b).sum::<f64>()
-        })
-        .collect()
-}
-
-/// Steps of the numeric derivatives.
-const NUDGE: [f64; PLACES] = [0.05, 0.05, 2e-3, 0.01, 0.01, 0.1, 0.01];
-
-/// Fits by Levenberg and Marquardt's method, at most `rounds` steps. `variance`: of a pixel's noise, at least.
+/// Fits by Levenberg and Marquardt's method, at most `rounds` steps. `variance`: of a pixel's noise, at least. `None` where
+/// the patch holds too few pixels.
 pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, rounds: usize) -> Option<Fit> {
     if patch.samples.len() < 4 * (PLACES + SHAPES) {
         return None;
     }
-    let base: Vec<f64> = patch.samples.iter().map(|s| s.weight).collect();
-    let mass: f64 = base.iter().sum();
+    let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
     let mut weights = base.clone();
     let mut at = start;
-    let mut now = project(patch, at, &weights);
-    let penalty = |c: Cone| -> f64 {
-        let p = c.to_array();
-        (0..PLACES).map(|i| ((p[i] - prior.mean[i]) / prior.deviation[i]).powi(2)).sum()
-    };
+    let mut now = Drawn::new(patch, &at, &weights);
     let mut damping = 1e-2;
-    let mut normal = SMatrix::<f64, PLACES, PLACES>::zeros();
+    let mut normal = Places::zeros();
     for round in 0..rounds {
-        let r0 = residuals(patch, at, &now.mix);
-        // What does not look like a pipette (a cell beside it) counts less: Cauchy's weights about the typical residual.
-        let mut sorted: Vec<f64> = r0.iter().map(|r| r.abs()).collect();
-        let middle = sorted.len() / 2;
-        let typical = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1 * 1.48;
-        let scale2 = (6.25 * typical * typical).max(6.25 * variance);
-        for ((w, b), r) in weights.iter_mut().zip(&base).zip(&r0) {
-            *w = b / (1.0 + r * r / scale2);
-        }
-        now = project(patch, at, &weights);
-        let r0 = residuals(patch, at, &now.mix);
-        let noise = (now.squares / mass).max(variance);
+        reweigh(&now.residuals(patch), &base, variance, &mut weights);
+        now.solve(patch, &weights);
+        let residuals = now.residuals(patch);
+        let slopes = now.derivatives(patch, &at, &weights);
+        let noise = (now.squares / patch.mass).max(variance);
         let params = at.to_array();
-        let mut columns: Vec<Vec<f64>> = Vec::with_capacity(PLACES);
-        for k in 0..PLACES {
-            let mut p = params;
-            p[k] += NUDGE[k];
-            let cone = Cone::from_array(p);
-            let mix = project(patch, cone, &weights).mix;
-            let r = residuals(patch, cone, &mix);
-            columns.push(r.iter().zip(&r0).map(|(a, b)| (a - b) / NUDGE[k]).collect());
-        }
-        normal.fill(0.0);
         let mut right = SVector::<f64, PLACES>::zeros();
-        for i in 0..PLACES {
-            for j in 0..=i {
-                normal[(i, j)] =
-                    columns[i].iter().zip(&columns[j]).zip(&weights).map(|((a, b), w)| a * b * w).sum::<f64>() / noise;
+        let mut sums = [[0.0_f64; PLACES]; PLACES];
+        for ((d, r), w) in slopes.iter().zip(&residuals).zip(&weights) {
+            for i in 0..PLACES {
+                let wi = w * d[i];
+                right[i] -= f64::from(wi * r);
+                for j in 0..=i {
+                    sums[i][j] += f64::from(wi * d[j]);
+                }
             }
-            right[i] = -columns[i].iter().zip(&r0).zip(&weights).map(|((a, r), w)| a * r * w).sum::<f64>() / noise;
+        }
+        normal = Places::from_fn(|i, j| if j <= i { sums[i][j] } else { sums[j][i] } / noise);
+        right /= noise;
+        for i in 0..PLACES {
             normal[(i, i)] += prior.deviation[i].powi(-2);
             right[i] -= (params[i] - prior.mean[i]) * prior.deviation[i].powi(-2);
         }
-        normal.fill_upper_triangle_with_lower_triangle();
-        let cost = now.squares / noise + penalty(at);
+        let cost = now.squares / noise + prior.penalty(&at);
         let mut moved = 0.0;
-        for _ in 0..5 {
+        for _ in 0..4 {
             let mut damped = normal;
             for i in 0..PLACES {
                 damped[(i, i)] *= 1.0 + damping;
@@ -181,14 +233,10 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, rounds: usi
                 damping *= 10.0;
                 continue;
             };
-            let mut p = params;
-            for i in 0..PLACES {
-                p[i] += step[i].clamp(-LEAP[i], LEAP[i]);
-            }
-            let cone = Cone::from_array(p);
-            let next = project(patch, cone, &weights);
-            if next.squares / noise + penalty(cone) < cost {
-                moved = (p[0] - at.x).hypot(p[1] - at.y);
+            let cone = Cone::from_array(std::array::from_fn(|i| params[i] + step[i].clamp(-LEAP[i], LEAP[i])));
+            let next = Drawn::new(patch, &cone, &weights);
+            if next.squares / noise + prior.penalty(&cone) < cost {
+                moved = (cone.x - at.x).hypot(cone.y - at.y);
                 at = cone;
                 now = next;
                 damping = (damping * 0.2).max(1e-5);
@@ -200,29 +248,42 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, rounds: usi
             break;
         }
     }
-    let empty = empty_residual(patch, &base, mass);
-    let r = residuals(patch, at, &now.mix);
-    let residual = r.iter().zip(&base).map(|(r, b)| b * r * r).sum::<f64>() / mass;
+    let squares: f64 = now.residuals(patch).iter().zip(&base).map(|(r, b)| f64::from(b * r * r)).sum();
     let covariance = normal.cholesky()?.inverse();
     let (sin, cos) = at.angle.sin_cos();
-    let along = covariance[(0, 0)] * cos * cos + 2.0 * covariance[(0, 1)] * sin * cos + covariance[(1, 1)] * sin * sin;
-    let across = covariance[(0, 0)] * sin * sin - 2.0 * covariance[(0, 1)] * sin * cos + covariance[(1, 1)] * cos * cos;
-    let mix = now.mix.into();
-    Some(Fit { cone: at, mix, residual, empty, error_along: along.max(0.0).sqrt(), error_across: across.max(0.0).sqrt() })
+    let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
+    Some(Fit {
+        cone: at,
+        mix: std::array::from_fn(|i| now.mix[i]),
+        residual: squares / patch.mass,
+        empty: empty_residual(patch) / patch.mass,
+        error_along: (xx * cos * cos + 2.0 * xy * sin * cos + yy * sin * sin).max(0.0).sqrt(),
+        error_across: (xx * sin * sin - 2.0 * xy * sin * cos + yy * cos * cos).max(0.0).sqrt(),
+    })
 }
 
-/// The longest step of each number in one round.
-const LEAP: [f64; PLACES] = [12.0, 12.0, 0.3, 0.5, 0.5, 8.0, 0.5];
+/// What does not look like a pipette (a cell beside it) counts less: Cauchy's weights about the typical residual.
+fn reweigh(residuals: &[f32], base: &[f32], variance: f64, weights: &mut [f32]) {
+    let mut sizes: Vec<f32> = residuals.iter().map(|r| r.abs()).collect();
+    let middle = sizes.len() / 2;
+    let typical = 1.48 * *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let limit = 6.25 * (typical * typical).max(variance as f32).max(f32::MIN_POSITIVE);
+    for ((w, b), r) in weights.iter_mut().zip(base).zip(residuals) {
+        *w = b / (1.0 + r * r / limit);
+    }
+}
 
-fn empty_residual(patch: &Patch, weights: &[f64], mass: f64) -> f64 {
+/// The sum of squares that the light's level and slopes alone leave.
+fn empty_residual(patch: &Patch) -> f64 {
     let mut normal = SMatrix::<f64, 3, 3>::zeros();
     let mut right = SVector::<f64, 3>::zeros();
     let mut total = 0.0;
-    for (s, w) in patch.samples.iter().zip(weights) {
-        let v = SVector::<f64, 3>::new(1.0, (s.x - patch.x) / patch.radius, (s.y - patch.y) / patch.radius);
-        normal += v * v.transpose() * *w;
-        right += v * (w * s.value);
-        total += w * s.value * s.value;
+    for s in &patch.samples {
+        let v = SVector::<f64, 3>::new(1.0, f64::from(s.x / patch.radius), f64::from(s.y / patch.radius));
+        let (value, weight) = (f64::from(s.value), f64::from(s.weight));
+        normal += v * v.transpose() * weight;
+        right += v * (weight * value);
+        total += weight * value * value;
     }
-    normal.cholesky().map_or(0.0, |c| (total - c.solve(&right).dot(&right)).max(0.0)) / mass
+    normal.cholesky().map_or(0.0, |c| (total - c.solve(&right).dot(&right)).max(0.0))
 }

@@ -18,6 +18,16 @@ impl Level {
         (i as f64 + 0.5) * self.step as f64 - 0.5
     }
 
+    /// The value of the pixel that holds a place in the picture, and that pixel's middle; `None` outside.
+    pub fn nearest(&self, x: f64, y: f64) -> Option<(f64, f64, f64)> {
+        let index = |v: f64, n: usize| {
+            let i = ((v + 0.5) / self.step as f64).floor();
+            (i >= 0.0 && i < n as f64).then_some(i as usize)
+        };
+        let (i, j) = (index(x, self.width)?, index(y, self.height)?);
+        Some((f64::from(self.values[j * self.width + i]), self.picture_px(i), self.picture_px(j)))
+    }
+
     /// The picture at half the resolution. Half pixels at the right and the bottom are left away.
     fn of(view: &View<'_>) -> Self {
         match view.pixels() {

@@ -23,9 +23,6 @@ const DIRECTIONS: usize = 24;
 /// Radii (px) of the rings, and the level that each is sampled from.
 const RINGS: [(f64, usize); 5] = [(12.0, 1), (20.0, 1), (34.0, 2), (57.0, 3), (96.0, 3)];
 
-/// A ring's vote is at most this.
-const MOST: f32 = 3.0;
-
 struct Ring<'a> {
     level: &'a Level,
     shift: u32,
@@ -58,7 +55,7 @@ pub fn candidates(levels: &[Level], noise: f64, count: usize, allowed: impl Fn(f
     for y in (spacing / 2..height).step_by(spacing) {
         for x in (spacing / 2..width).step_by(spacing) {
             if let Some((score, j)) = best_direction(&rings, x as i32, y as i32, &open) {
-                if score > 2.0 {
+                if score > 1.0 {
                     found.push((score, x, y, j));
                 }
             }
@@ -82,7 +79,9 @@ pub fn candidates(levels: &[Level], noise: f64, count: usize, allowed: impl Fn(f
 
 /// The clearest direction of the shank (in units of the ring's spacing, interpolated) and its score.
 fn best_direction(rings: &[Ring<'_>], x: i32, y: i32, open: &[bool; DIRECTIONS]) -> Option<(f32, f64)> {
-    let mut votes = [0.0_f32; DIRECTIONS];
+    let mut sums = [0.0_f32; DIRECTIONS];
+    let mut squared = [0.0_f32; DIRECTIONS];
+    let mut spreads = [0.0_f32; DIRECTIONS];
     let mut heard = [0_u32; DIRECTIONS];
     for ring in rings {
         let (w, h) = (ring.level.width as i32, ring.level.height as i32);
@@ -112,10 +111,22 @@ fn best_direction(rings: &[Ring<'_>], x: i32, y: i32, open: &[bool; DIRECTIONS])
             let rest_squares = squares - values[a].powi(2) - values[j].powi(2) - values[b].powi(2);
             let mean = rest / m;
             let variance = (rest_squares / m - mean * mean).max(0.0) + ring.floor;
-            votes[j] += ((lobe / k - mean) / variance.sqrt()).clamp(-MOST, MOST);
+            let d = lobe / k - mean;
+            sums[j] += d;
+            squared[j] += d * d;
+            spreads[j] += variance;
             heard[j] += 1;
         }
     }
+    let votes: [f32; DIRECTIONS] = std::array::from_fn(|j| {
+        let n = heard[j] as f32;
+        if n < 3.0 {
+            return 0.0;
+        }
+        let mean = sums[j] / n;
+        let odd = (squared[j] / n - mean * mean).max(0.0);
+        n.sqrt() * mean / (spreads[j] / n + odd).sqrt()
+    });
     let mut best: Option<(f32, usize)> = None;
     for j in 0..DIRECTIONS {
         // A tip whose shank is out of the picture after the first ring cannot be told from dirt.
