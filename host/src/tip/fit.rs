@@ -90,8 +90,59 @@ type Shapes = SMatrix<f64, SHAPES, SHAPES>;
 type Mix = SVector<f64, SHAPES>;
 type Places = SMatrix<f64, PLACES, PLACES>;
 
-/// The longest step of each number in one round.
-const LEAP: [f64; PLACES] = [12.0, 12.0, 0.3, 0.5, 0.5, 8.0, 0.5];
+/// The longest step of each number of an [`Anchored`] cone in one round.
+const LEAP: [f64; PLACES] = [12.0, 12.0, 0.3, 4.0, 0.5, 8.0, 0.5];
+
+/// The smallest opening, px.
+const LEAST_OPENING: f64 = 0.3;
+
+/// A cone described by its width and blur at a fixed place on the shank. There the picture determines them; at the tip they
+/// follow from where it ends, so that fits need not creep along a curved valley.
+struct Anchored {
+    /// The fixed place, px.
+    at: [f64; 2],
+    numbers: [f64; PLACES],
+}
+
+impl Anchored {
+    fn new(cone: &Cone, at: [f64; 2]) -> Self {
+        let mut numbers = cone.to_array();
+        let back = distance(cone.x, cone.y, cone.angle, at);
+        numbers[3] = cone.ln_opening.exp() + cone.ln_widening.exp() * back;
+        numbers[5] = cone.blur + cone.ln_slope.exp() * back;
+        Self { at, numbers }
+    }
+
+    fn cone(&self) -> Cone {
+        let [x, y, angle, half, ln_widening, blur, ln_slope] = self.numbers;
+        let back = distance(x, y, angle, self.at);
+        let opening = (half - ln_widening.exp() * back).max(LEAST_OPENING);
+        let blur = blur - ln_slope.exp() * back;
+        Cone { x, y, angle, ln_opening: opening.ln(), ln_widening, blur, ln_slope }
+    }
+
+    /// How a cone's numbers change with these.
+    fn jacobian(&self) -> Places {
+        let cone = self.cone();
+        let back = distance(cone.x, cone.y, cone.angle, self.at);
+        let (sin, cos) = cone.angle.sin_cos();
+        let (opening, widening, slope) = (cone.ln_opening.exp(), cone.ln_widening.exp(), cone.ln_slope.exp());
+        let mut j = Places::identity();
+        let free = if opening > LEAST_OPENING { 1.0 / opening } else { 0.0 };
+        for (k, d) in [(0, -widening * cos), (1, -widening * sin), (3, 1.0), (4, -widening * back)] {
+            j[(3, k)] = d * free;
+        }
+        for (k, d) in [(0, -slope * cos), (1, -slope * sin), (6, -slope * back)] {
+            j[(5, k)] = d;
+        }
+        j
+    }
+}
+
+/// From a place on the shank to the tip, along the pipette.
+fn distance(x: f64, y: f64, angle: f64, from: [f64; 2]) -> f64 {
+    (x - from[0]) * angle.cos() + (y - from[1]) * angle.sin()
+}
 
 /// All shapes at all samples of a patch, for one cone.
 struct Drawn {
@@ -99,10 +150,18 @@ struct Drawn {
     mix: Mix,
     squares: f64,
     inverse: Shapes,
+    halo: Halo,
+}
+
+/// How freely the halo joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Halo {
+    Without,
+    With,
 }
 
 impl Drawn {
-    fn new(patch: &Patch, cone: &Cone, weights: &[f32]) -> Self {
+    fn new(patch: &Patch, cone: &Cone, weights: &[f32], halo: Halo) -> Self {
         let drawing = Drawing::plain(cone, patch.step, [patch.x, patch.y]);
         let inverse = 1.0 / patch.radius;
         let rows = patch
@@ -113,7 +172,7 @@ impl Drawn {
                 [a, b, c, d, 1.0, s.x * inverse, s.y * inverse]
             })
             .collect();
-        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros() };
+        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), halo };
         drawn.solve(patch, weights);
         drawn
     }
@@ -136,8 +195,12 @@ impl Drawn {
         let mut matrix = Shapes::from_fn(|i, j| if j <= i { normal[i][j] } else { normal[j][i] });
         // Shapes that look alike when blurred share the light evenly.
         let ridge = 1e-4 * normal[GLASS][GLASS].max(1e-12);
-        for i in 0..GLASS {
-            matrix[(i, i)] += ridge;
+        let halo = match self.halo {
+            Halo::Without => 1e9,
+            Halo::With => 30.0,
+        };
+        for (i, factor) in [1.0, 1.0, halo, halo].into_iter().enumerate() {
+            matrix[(i, i)] += factor * ridge;
         }
         let right = Mix::from(right);
         self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
@@ -188,14 +251,16 @@ impl Drawn {
 
 /// Fits by Levenberg and Marquardt's method, at most `rounds` steps. `variance`: of a pixel's noise, at least. `None` where
 /// the patch holds too few pixels.
-pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, rounds: usize) -> Option<Fit> {
+pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo, rounds: usize) -> Option<Fit> {
     if patch.samples.len() < 4 * (PLACES + SHAPES) {
         return None;
     }
     let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
     let mut weights = base.clone();
     let mut at = start;
-    let mut now = Drawn::new(patch, &at, &weights);
+    let mut now = Drawn::new(patch, &at, &weights, halo);
+    let back = 0.4 * f64::from(patch.radius);
+    let anchor = [start.x - back * start.angle.cos(), start.y - back * start.angle.sin()];
     let mut damping = 1e-2;
     let mut normal = Places::zeros();
     for round in 0..rounds {
@@ -222,19 +287,24 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, rounds: usi
             normal[(i, i)] += prior.deviation[i].powi(-2);
             right[i] -= (params[i] - prior.mean[i]) * prior.deviation[i].powi(-2);
         }
+        let anchored = Anchored::new(&at, anchor);
+        let jacobian = anchored.jacobian();
+        let bent = jacobian.transpose() * normal * jacobian;
+        let right = jacobian.transpose() * right;
         let cost = now.squares / noise + prior.penalty(&at);
         let mut moved = 0.0;
         for _ in 0..4 {
-            let mut damped = normal;
+            let mut damped = bent;
             for i in 0..PLACES {
-                damped[(i, i)] *= 1.0 + damping;
+                damped[(i, i)] = damped[(i, i)] * (1.0 + damping) + 1e-9;
             }
             let Some(step) = damped.cholesky().map(|c| c.solve(&right)) else {
                 damping *= 10.0;
                 continue;
             };
-            let cone = Cone::from_array(std::array::from_fn(|i| params[i] + step[i].clamp(-LEAP[i], LEAP[i])));
-            let next = Drawn::new(patch, &cone, &weights);
+            let numbers = std::array::from_fn(|i| anchored.numbers[i] + step[i].clamp(-LEAP[i], LEAP[i]));
+            let cone = Anchored { at: anchor, numbers }.cone();
+            let next = Drawn::new(patch, &cone, &weights, halo);
             if next.squares / noise + prior.penalty(&cone) < cost {
                 moved = (cone.x - at.x).hypot(cone.y - at.y);
                 at = cone;
@@ -249,7 +319,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, rounds: usi
         }
     }
     let squares: f64 = now.residuals(patch).iter().zip(&base).map(|(r, b)| f64::from(b * r * r)).sum();
-    let covariance = normal.cholesky()?.inverse();
+    let covariance = normal.cholesky().map_or_else(Places::zeros, |c| c.inverse());
     let (sin, cos) = at.angle.sin_cos();
     let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
     Some(Fit {

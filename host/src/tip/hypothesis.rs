@@ -1,6 +1,6 @@
 //! Pipettes that may be there, and how sure each is.
 
-use super::fit::{self, Fit, Patch, Prior};
+use super::fit::{self, Fit, Halo, Patch, Prior};
 use super::model::Cone;
 use super::pyramid::Level;
 use super::search::Candidate;
@@ -43,7 +43,7 @@ impl Hypothesis {
     }
 }
 
-fn prior(expected_opening_px: f64) -> Prior {
+pub fn prior(expected_opening_px: f64) -> Prior {
     let far = f64::INFINITY;
     Prior {
         mean: [0.0, 0.0, 0.0, expected_opening_px.ln(), 0.2_f64.ln(), 0.0, 0.35_f64.ln()],
@@ -62,7 +62,7 @@ pub fn coarse(levels: &[Level], noise: f64, candidates: &[Candidate]) -> Vec<Hyp
     let mut found = Vec::new();
     for c in candidates {
         let patch = Patch::cut(level, c.x, c.y, 80.0);
-        for blur in [-8.0, 8.0] {
+        for blur in [-16.0, -3.0, 10.0] {
             let start = Cone {
                 x: c.x,
                 y: c.y,
@@ -72,7 +72,7 @@ pub fn coarse(levels: &[Level], noise: f64, candidates: &[Candidate]) -> Vec<Hyp
                 blur,
                 ln_slope: 0.35_f64.ln(),
             };
-            let fit = fit::fit(&patch, start, &prior, variance, 6);
+            let fit = fit::fit(&patch, start, &prior, variance, Halo::Without, 8);
             found.extend(fit.map(|fit| Hypothesis::new(levels, noise, patch.mass, fit)));
         }
     }
@@ -89,7 +89,8 @@ pub fn fine(levels: &[Level], noise: f64, found: &[Hypothesis]) -> Vec<Hypothesi
         .iter()
         .filter_map(|h| {
             let patch = Patch::cut(level, h.fit.cone.x, h.fit.cone.y, 64.0);
-            let fit = fit::fit(&patch, h.fit.cone, &prior, variance, 8)?;
+            let plain = fit::fit(&patch, h.fit.cone, &prior, variance, Halo::Without, 12)?;
+            let fit = fit::fit(&patch, plain.cone, &prior, variance, Halo::With, 12)?;
             Some(Hypothesis::new(levels, noise, patch.mass, fit))
         })
         .collect();
