@@ -168,8 +168,8 @@ impl Drawn {
             .samples
             .iter()
             .map(|s| {
-                let [a, b, c, d] = drawing.shapes(s.x, s.y);
-                [a, b, c, d, 1.0, s.x * inverse, s.y * inverse]
+                let [a, b, c, d, e, f] = drawing.shapes(s.x, s.y);
+                [a, b, c, d, e, f, 1.0, s.x * inverse, s.y * inverse]
             })
             .collect();
         let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), halo };
@@ -199,7 +199,7 @@ impl Drawn {
             Halo::Without => 1e9,
             Halo::With => 30.0,
         };
-        for (i, factor) in [1.0, 1.0, halo, halo].into_iter().enumerate() {
+        for (i, factor) in [1.0, 1.0, halo, halo, halo, halo].into_iter().enumerate() {
             matrix[(i, i)] += factor * ridge;
         }
         let right = Mix::from(right);
@@ -261,6 +261,25 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
     let mut now = Drawn::new(patch, &at, &weights, halo);
     let back = 0.4 * f64::from(patch.radius);
     let anchor = [start.x - back * start.angle.cos(), start.y - back * start.angle.sin()];
+    if halo == Halo::With {
+        // Where the pipette ends along its axis has many a local best.
+        let anchored = Anchored::new(&at, anchor);
+        let (sin, cos) = at.angle.sin_cos();
+        let mut best = f64::INFINITY;
+        for i in -4..=8 {
+            let shift = f64::from(i) * 0.06 * f64::from(patch.radius);
+            let mut numbers = anchored.numbers;
+            numbers[0] += shift * cos;
+            numbers[1] += shift * sin;
+            let cone = Anchored { at: anchor, numbers }.cone();
+            let drawn = Drawn::new(patch, &cone, &weights, halo);
+            if drawn.squares < best {
+                best = drawn.squares;
+                at = cone;
+                now = drawn;
+            }
+        }
+    }
     let mut damping = 1e-2;
     let mut normal = Places::zeros();
     for round in 0..rounds {

@@ -18,11 +18,14 @@ pub type Weights = ([f64; 8], f64);
 
 /// Logistic weights from random scenes with and without pipettes.
 pub const COARSE: Weights = ([0.863, -1.369, -1.535, 1.009, 1.683, 3.733, 1.309, 0.426], -9.881);
-pub const FINE: Weights = COARSE;
+pub const FINE: Weights = ([1.166, -1.144, -1.167, 0.709, -1.048, 4.517, 0.837, 0.483], -11.514);
 
 impl Hypothesis {
     fn new(levels: &[Level], noise: f64, mass: f64, fit: Fit) -> Self {
         let Explained { near, middle, far, rings } = explained(levels, &fit, noise);
+        // A small picture cannot hold the wide rings.
+        let held = rings_held(levels);
+        let rings = rings + (11.0 - held);
         let gain = mass * (fit.empty / fit.residual.max(1e-12)).max(1.0).ln();
         let evidence = [
             gain.max(1.0).ln(),
@@ -96,6 +99,12 @@ pub fn fine(levels: &[Level], noise: f64, found: &[Hypothesis]) -> Vec<Hypothesi
         .collect();
     better.sort_by(|a, b| b.log_odds(&FINE).total_cmp(&a.log_odds(&FINE)));
     distinct(better)
+}
+
+/// How many rings a picture of this size can hold on one side of a place.
+fn rings_held(levels: &[Level]) -> f64 {
+    let size = levels.first().map_or(0, |l| l.step * l.width.max(l.height)) as f64;
+    super::verify::RINGS.iter().filter(|(radius, _)| *radius < 0.55 * size).count() as f64
 }
 
 fn distinct(sorted: Vec<Hypothesis>) -> Vec<Hypothesis> {

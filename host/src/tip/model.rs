@@ -27,8 +27,9 @@ pub struct Cone {
 /// Numbers of a [`Cone`].
 pub const PLACES: usize = 7;
 
-/// Shapes of the pipette that mix linearly: glass, lumen, halo, and halo that changes sign through focus.
-pub const GLASS: usize = 4;
+/// Shapes of the pipette that mix linearly: glass and lumen, the same near the tip alone, halo, and halo that changes sign
+/// through focus.
+pub const GLASS: usize = 6;
 
 /// Blur radius (px) of a picture in focus.
 const SHARPEST_PX: f64 = 1.5;
@@ -58,6 +59,8 @@ pub struct Drawing<N> {
     widening: N,
     blur: N,
     slope: N,
+    /// One over the opening.
+    narrow: N,
     sharpest2: f32,
 }
 
@@ -72,6 +75,7 @@ impl Drawing<f32> {
             widening: cone.ln_widening.exp() as f32,
             blur: cone.blur as f32,
             slope: cone.ln_slope.exp() as f32,
+            narrow: (-cone.ln_opening).exp() as f32,
             sharpest2: sharpest2(step),
         }
     }
@@ -91,6 +95,7 @@ impl Drawing<Dual> {
             widening: exp(plain.widening, 4),
             blur: Dual::variable(plain.blur, 5),
             slope: exp(plain.slope, 6),
+            narrow: Dual::variable(plain.narrow, 3).map(plain.narrow, -plain.narrow),
             sharpest2: plain.sharpest2,
         }
     }
@@ -125,7 +130,11 @@ impl<N: Number> Drawing<N> {
         let lumen = bar(half.scale(0.5)) * cut;
         let margin = half.scale(0.35) + radius.scale(0.5);
         let halo = bar(half + margin) * step((end + margin) * sharp) - glass;
-        [glass, lumen, halo, halo * defocus * inverse]
+        // Near the tip light is bent otherwise than by the wider shank.
+        let reach = along.scale(0.25) * self.narrow;
+        let fall = reach * reach + N::constant(1.0);
+        let near = fall.map(1.0 / fall.value(), -1.0 / (fall.value() * fall.value()));
+        [glass, lumen, glass * near, lumen * near, halo, halo * defocus * inverse]
     }
 }
 

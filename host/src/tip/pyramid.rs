@@ -18,6 +18,21 @@ impl Level {
         (i as f64 + 0.5) * self.step as f64 - 0.5
     }
 
+    /// The value at a place in the picture, between the pixels about it; `None` outside their middles.
+    pub fn between(&self, x: f64, y: f64) -> Option<f64> {
+        let place = |v: f64, n: usize| {
+            let u = (v + 0.5) / self.step as f64 - 0.5;
+            (u >= 0.0 && u <= n as f64 - 1.0).then(|| {
+                let i = (u as usize).min(n.saturating_sub(2));
+                (i, u - i as f64)
+            })
+        };
+        let ((i, u), (j, v)) = (place(x, self.width)?, place(y, self.height)?);
+        let at = |i: usize, j: usize| f64::from(self.values[j.min(self.height - 1) * self.width + i.min(self.width - 1)]);
+        let row = |j: usize| at(i, j) + u * (at(i + 1, j) - at(i, j));
+        Some(row(j) + v * (row(j + 1) - row(j)))
+    }
+
     /// The value of the pixel that holds a place in the picture, and that pixel's middle; `None` outside.
     pub fn nearest(&self, x: f64, y: f64) -> Option<(f64, f64, f64)> {
         let index = |v: f64, n: usize| {

@@ -1,0 +1,1 @@
+//! Finds a pipette by its vibration.
