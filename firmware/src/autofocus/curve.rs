@@ -1,9 +1,12 @@
 //! What a scan has seen: the focus curve, in bounded memory.
 
+use super::noise::{Noise, Trend};
 use parfocal_protocol::units::{FocusValue, Nanometres};
 
 /// Cells around the present position that a curve keeps; what lies further back is forgotten.
-pub const CELLS: usize = 384;
+pub const CELLS: usize = 512;
+/// Places in a sample step: the way back may sample between the places of the way out.
+pub const STRIDE: i32 = 2;
 
 /// A place on the scan's grid: the start plus this many sample steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,6 +38,9 @@ pub struct Curve {
     lowest: Place,
     highest: Place,
     frames: u32,
+    reference: f64,
+    noise: Noise,
+    trend: Trend,
 }
 
 impl Curve {
@@ -42,13 +48,16 @@ impl Curve {
     pub fn new(origin: Nanometres, low: Nanometres, high: Nanometres, step: Nanometres) -> Self {
         Self {
             origin: origin.0,
-            step: step.0,
-            first: Place((low.0 - origin.0) / step.0),
-            last: Place((high.0 - origin.0) / step.0),
+            step: step.0 / STRIDE,
+            first: Place((low.0 - origin.0) / step.0 * STRIDE),
+            last: Place((high.0 - origin.0) / step.0 * STRIDE),
             cells: [EMPTY; CELLS],
             lowest: Place(0),
             highest: Place(0),
             frames: 0,
+            reference: 0.0,
+            noise: Noise::default(),
+            trend: Trend::default(),
         }
     }
 
@@ -98,17 +107,49 @@ impl Curve {
     pub fn add(&mut self, z: Nanometres, value: FocusValue) {
         let place = self.place(z);
         let off = (z.0 - self.position(place).0) as f32;
+        if self.frames == 0 {
+            self.reference = value.0;
+        }
+        self.trend.add(f64::from(z.0 - self.origin) / f64::from(self.step), value.0 - self.reference);
         let cell = &mut self.cells[index(place)];
         if cell.place != place || cell.frames == 0 {
             *cell = Cell { place, frames: 1, off, mean: value.0 };
         } else if cell.frames < u16::MAX {
             cell.frames += 1;
+            let before = cell.mean;
             cell.mean += (value.0 - cell.mean) / f64::from(cell.frames);
+            let scale = if cell.mean < 0.0 { -cell.mean } else { cell.mean };
+            self.noise.add(value.0, before, cell.mean, scale);
             cell.off += (off - cell.off) / f32::from(cell.frames);
         }
         self.lowest = self.lowest.min(place);
         self.highest = self.highest.max(place);
         self.frames += 1;
+    }
+
+    /// Noise of one frame, relative.
+    pub fn noise(&self) -> &Noise {
+        &self.noise
+    }
+
+    /// The first value.
+    pub fn reference(&self) -> f64 {
+        self.reference
+    }
+
+    /// The line through everything seen.
+    pub fn trend(&self) -> &Trend {
+        &self.trend
+    }
+
+    /// Mean over the places from `from` to `to` that are known, and the frames in it.
+    pub fn mean(&self, from: i32, to: i32) -> (f64, u32) {
+        let (mut sum, mut frames) = (0.0, 0);
+        for cell in (from..=to).filter_map(|p| self.at(Place(p))) {
+            sum += cell.mean * f64::from(cell.frames);
+            frames += u32::from(cell.frames);
+        }
+        (if frames > 0 { sum / f64::from(frames) } else { 0.0 }, frames)
     }
 
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.

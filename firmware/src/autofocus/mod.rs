@@ -36,11 +36,13 @@
 //! assert!((scan.summary().best.0 - 30_000).abs() < 100);
 //! ```
 
-mod climb;
+pub mod climb;
 pub mod curve;
+pub mod noise;
+pub mod peak;
 
 use climb::Climb;
-use curve::{Curve, Place};
+use curve::{Curve, Place, STRIDE};
 use parfocal_protocol::autofocus::{FrameFault, Mode, Outcome, ScanParameters, ScanRefusal};
 use parfocal_protocol::message::{Field, Refusal};
 use parfocal_protocol::units::{FocusValue, Nanometres};
@@ -114,7 +116,7 @@ enum Stage {
 #[derive(Clone, Debug)]
 pub struct Scan {
     curve: Curve,
-    search: Climb,
+    pub search: Climb,
     start: Nanometres,
     here: Nanometres,
     wanted: Nanometres,
@@ -239,18 +241,15 @@ impl Scan {
         }
         let (first, last) = (self.curve.first(), self.curve.last());
         let falls = |end: Place| self.curve.at(end).is_none_or(|c| best.mean - c.mean >= 0.05 * height);
-        if best.place.0 <= first.0 + 1 || best.place.0 >= last.0 - 1 || !falls(first) || !falls(last) {
+        if best.place.0 <= first.0 + STRIDE || best.place.0 >= last.0 - STRIDE || !falls(first) || !falls(last) {
             return self.abort(ScanRefusal::PeakAtEdge);
         }
-        let side = |by: i32| self.curve.at(Place(best.place.0 + by)).map(|c| c.mean);
-        let shift = match (side(-1), side(1)) {
-            (Some(left), Some(right)) if left + right < 2.0 * best.mean => {
-                0.5 * (left - right) / (left - 2.0 * best.mean + right)
-            }
-            _ => 0.0,
-        };
+        let sigma = self.curve.noise().relative();
+        let b = self.search.best_place().unwrap_or(best.place.0);
+        let Some(peak) = peak::find(&self.curve, (b - 80).max(self.curve.lowest().0), (b + 80).min(self.curve.highest().0), if sigma > self.search.tuning.quiet { sigma } else { 0.0 }, self.search.tuning.bias) else { return self.abort(ScanRefusal::NoSignificantPeak) };
         let step = self.curve.position(Place(1)).0 - self.curve.position(Place(0)).0;
-        self.best = Nanometres(self.curve.position(best.place).0 + (shift * f64::from(step)) as i32);
+        let at = peak.at * f64::from(step);
+        self.best = Nanometres(self.start.0 + at as i32);
         self.wanted = self.best;
         self.stage = Stage::Leaving(Outcome::Focused);
         self.repeat()
@@ -268,7 +267,7 @@ fn check(p: &ScanParameters, z0: Nanometres) -> Result<(), Refusal> {
         return Err(Refusal::OutOfRange { field: Field::ScanRange, low: um(p.low), high: um(p.high) });
     }
     within(Field::SampleStep, um(p.sample_step), (span as f32 / 1000.0 / 30_000.0).max(0.001), span as f32 / 2000.0)?;
-    within(Field::Trap, um(p.trap), um(p.sample_step), um(p.sample_step) * (curve::CELLS as f32 / 2.0 - 32.0).max(1.0))
+    within(Field::Trap, um(p.trap), um(p.sample_step), um(p.sample_step) * (curve::CELLS as f32 / 4.0 - 16.0).max(1.0))
         .or_else(|e| if i64::from(p.trap.0) > span { Ok(()) } else { Err(e) })?;
     within(Field::Probe, um(p.probe), um(p.sample_step), span as f32 / 1000.0)?;
     within(Field::Speed, p.speed.0, 0.0, 100_000.0)?;

@@ -1,0 +1,30 @@
+//! `cargo xtask bench NAME …`: builds the benches optimised and runs one.
+
+use super::run::{cargo, check};
+
+/// Run a bench: `cargo xtask bench autofocus --help`, `cargo xtask bench ransac --help`
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The bench and its arguments
+    #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true, value_name = "NAME …")]
+    bench: Vec<String>,
+}
+
+impl Arguments {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// When it does not build, or the bench fails.
+    pub fn run(self) -> anyhow::Result<()> {
+        // Paths are meant from where the person is.
+        let here = std::env::current_dir()?;
+        check(
+            cargo()
+                .args(["run", "--quiet", "--release", "--package", "parfocal-benches", "--manifest-path"])
+                .arg(super::run::root().join("Cargo.toml"))
+                .arg("--")
+                .args(&self.bench)
+                .current_dir(here),
+        )
+    }
+}
