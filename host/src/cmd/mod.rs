@@ -1,6 +1,7 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
 pub mod focus;
+mod tip;
 
 use clap::Subcommand;
 
@@ -8,6 +9,7 @@ use clap::Subcommand;
 #[derive(Debug, Subcommand)]
 pub enum Command {
     Focus(focus::Focus),
+    Tip(tip::Arguments),
 }
 
 /// How a command speaks: people's text on stderr or stdout, or one JSON object on stdout.
@@ -42,5 +44,6 @@ impl Output {
 pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
     match command {
         Command::Focus(focus) => focus::run(focus, out),
+        Command::Tip(a) => a.run(out),
     }
 }
