@@ -18,7 +18,7 @@ pub type Weights = ([f64; 8], f64);
 
 /// Logistic weights from random scenes with and without pipettes.
 pub const COARSE: Weights = ([0.863, -1.369, -1.535, 1.009, 1.683, 3.733, 1.309, 0.426], -9.881);
-pub const FINE: Weights = ([1.166, -1.144, -1.167, 0.709, -1.048, 4.517, 0.837, 0.483], -11.514);
+pub const FINE: Weights = ([1.166, -1.144, -1.167, 0.709, -1.048, 4.517, 0.837, 0.483], -13.0);
 
 impl Hypothesis {
     fn new(levels: &[Level], noise: f64, mass: f64, fit: Fit) -> Self {
@@ -99,6 +99,18 @@ pub fn fine(levels: &[Level], noise: f64, found: &[Hypothesis]) -> Vec<Hypothesi
         .collect();
     better.sort_by(|a, b| b.log_odds(&FINE).total_cmp(&a.log_odds(&FINE)));
     distinct(better)
+}
+
+/// The direction of a clearly seen pipette by its shank: near the tip a real one is bent.
+pub fn shank_angle(levels: &[Level], cone: &Cone, noise: f64) -> Option<f64> {
+    let level = &levels[1.min(levels.len() - 1)];
+    let variance = (noise / level.step as f64).powi(2);
+    let back = (12.0 * cone.ln_opening.exp()).clamp(40.0, 180.0);
+    let (sin, cos) = cone.angle.sin_cos();
+    let patch = Patch::cut(level, cone.x - back * cos, cone.y - back * sin, 1.3 * back);
+    let fit = fit::fit(&patch, *cone, &prior(OPENING_PX), variance, Halo::With, 10)?;
+    let turn = (fit.cone.angle - cone.angle).abs();
+    (turn < 0.15).then_some(fit.cone.angle)
 }
 
 /// How many rings a picture of this size can hold on one side of a place.
