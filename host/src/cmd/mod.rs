@@ -15,6 +15,7 @@ mod simulate;
 mod simulated;
 mod status;
 mod stop;
+mod tip;
 
 use clap::Subcommand;
 
@@ -32,6 +33,7 @@ pub enum Command {
     Calibrate(Box<calibrate::Calibrate>),
     Focus(focus::Focus),
     Simulate(simulate::Arguments),
+    Tip(tip::Tip),
 }
 
 /// Runs one command.
@@ -51,6 +53,7 @@ pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
         Command::Calibrate(a) => calibrate::run(*a, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Simulate(a) => a.run(out),
+        Command::Tip(a) => tip::run(a, out),
     }
 }
 
