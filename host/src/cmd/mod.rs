@@ -1,10 +1,25 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
+mod coarse;
+
 use clap::Subcommand;
 
 /// Everything `parfocal` can be asked to do.
 #[derive(Debug, Subcommand)]
-pub enum Command {}
+pub enum Command {
+    /// From pixels to every manipulator
+    #[command(subcommand)]
+    Calibrate(Calibrate),
+}
+
+/// Everything that can be calibrated.
+#[derive(Debug, Subcommand)]
+pub enum Calibrate {
+    /// Coarse registration from pictures of printed markers
+    Coarse(Box<coarse::Arguments>),
+    /// The objective's height after a turn of the coarse focus knob
+    ObjectiveHeight(coarse::height::Arguments),
+}
 
 /// How a command speaks: people's text on stderr or stdout, or one JSON object on stdout.
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +50,9 @@ impl Output {
 ///
 /// # Errors
 /// Whatever stopped it, as one sentence for a person; the exit code is then 1.
-pub fn run(command: Command, _out: Output) -> anyhow::Result<()> {
-    match command {}
+pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
+    match command {
+        Command::Calibrate(Calibrate::Coarse(arguments)) => coarse::run(&arguments, out),
+        Command::Calibrate(Calibrate::ObjectiveHeight(arguments)) => coarse::height::run(&arguments, out),
+    }
 }
