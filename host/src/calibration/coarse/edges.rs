@@ -142,9 +142,10 @@ pub fn measure(
         for k in 0..pieces as usize {
             let middle = border.start + along * ((length - usable) / 2.0 + usable * (k as f64 + 0.5) / pieces);
             let half = along * (usable / pieces / 2.0);
-            tried += 1;
-            let piece = Piece::new(middle, half, border.to_white, cell, tone, project);
-            edges.extend(piece.and_then(|p| p.fit(picture, tone, levels)));
+            if let Some(piece) = Piece::new(middle, half, border.to_white, cell, tone, project) {
+                tried += 1;
+                edges.extend(piece.fit(picture, tone, levels));
+            }
         }
     }
     (edges, tried)

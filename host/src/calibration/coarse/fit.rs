@@ -138,7 +138,11 @@ pub fn refine(
         }
         pose = nudge(&pose, &step.by);
         let sides = seen.iter().map(|s| s.side).collect();
+        let still = step.by.fixed_rows::<3>(0).amax() < 5e-4 && step.by.fixed_rows::<3>(3).amax() < 2e-5;
         result = Some(Fit { pose, information: step.information, sides, rms_px: step.rms_px, blur_px: blur, noise });
+        if still && round >= 3 {
+            break;
+        }
     }
     result.filter(|fit| fit.sides.iter().all(|s| pictures[*s as usize].is_some()))
 }
