@@ -178,7 +178,7 @@ impl Piece {
             normal = -normal;
         }
         // The next border may be one square away; its blur must not reach in.
-        let room = normal.dot(&(white - at)).min(normal.dot(&(at - black))) - 1.5 * tone.blur_px;
+        let room = normal.dot(&(white - at)).min(normal.dot(&(at - black))) - 1.2 * tone.blur_px;
         let half_width = room.min(3.5 * tone.blur_px + 1.5);
         (half_width >= 1.4).then_some(Self { middle, at, along, normal, half_length: (b - a).norm() / 2.0, half_width })
     }
@@ -212,7 +212,8 @@ impl Piece {
         let mut cost = (0.0, (0.0, 0.0));
         let mut normal = Matrix3::zeros();
         for _ in 0..6 {
-            let mut gradient = Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
+            let mut gradient =
+                Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
             normal = Matrix3::from_diagonal(&(Vector3::new(prior, prior, 1e-9) * 255.0 * 255.0));
             cost = (0.0, (0.0, 0.0));
             for &(d, value) in &pixels {

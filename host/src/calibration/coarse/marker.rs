@@ -130,7 +130,8 @@ pub fn refuse_mirrored(picture: &Grey, found: &[Found], place: Place, side: Side
         let c = f.centre();
         found.iter().any(|g| (g.centre() - Vector2::new(last - c.x, c.y)).norm() < g.span() / 2.0)
     };
-    let ids: Vec<MarkerId> = find_with(&mirrored, &[(0.5, 1)])?.iter().filter(|f| f.wrong == 0 && !real(f)).map(|f| f.id).collect();
+    let ids: Vec<MarkerId> =
+        find_with(&mirrored, &[(0.5, 1)])?.iter().filter(|f| f.wrong == 0 && !real(f)).map(|f| f.id).collect();
     if ids.is_empty() { Ok(()) } else { Err(CoarseError::Mirrored { place, side, ids }) }
 }
 
@@ -147,7 +148,10 @@ mod tests {
             .collect::<Vec<_>>();
         assert_eq!(rows[0], "........");
         assert_eq!(rows[7], "........");
-        assert_eq!(rows[1..7], [".##.#.#.", "..###.#.", "..##....", ".#.#....", "..#.##..", "....#..."].map(String::from));
+        assert_eq!(
+            rows[1..7],
+            [".##.#.#.", "..###.#.", "..##....", ".#.#....", "..#.##..", "....#..."].map(String::from)
+        );
     }
 
     #[test]
