@@ -1,12 +1,14 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
 mod coarse;
+pub mod focus;
 
 use clap::Subcommand;
 
 /// Everything `parfocal` can be asked to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Focus(focus::Focus),
     /// From pixels to every manipulator
     #[command(subcommand)]
     Calibrate(Calibrate),
@@ -54,5 +56,6 @@ pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
     match command {
         Command::Calibrate(Calibrate::Coarse(arguments)) => coarse::run(&arguments, out),
         Command::Calibrate(Calibrate::ObjectiveHeight(arguments)) => coarse::height::run(&arguments, out),
+        Command::Focus(focus) => focus::run(focus, out),
     }
 }
