@@ -1,5 +1,6 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
+pub mod calibrate;
 mod coarse;
 pub mod focus;
 
@@ -8,19 +9,8 @@ use clap::Subcommand;
 /// Everything `parfocal` can be asked to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Calibrate(calibrate::Calibrate),
     Focus(focus::Focus),
-    /// From pixels to every manipulator
-    #[command(subcommand)]
-    Calibrate(Calibrate),
-}
-
-/// Everything that can be calibrated.
-#[derive(Debug, Subcommand)]
-pub enum Calibrate {
-    /// Coarse registration from pictures of printed markers
-    Coarse(Box<coarse::Arguments>),
-    /// The objective's height after a turn of the coarse focus knob
-    ObjectiveHeight(coarse::height::Arguments),
 }
 
 /// How a command speaks: people's text on stderr or stdout, or one JSON object on stdout.
@@ -54,8 +44,7 @@ impl Output {
 /// Whatever stopped it, as one sentence for a person; the exit code is then 1.
 pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
     match command {
-        Command::Calibrate(Calibrate::Coarse(arguments)) => coarse::run(&arguments, out),
-        Command::Calibrate(Calibrate::ObjectiveHeight(arguments)) => coarse::height::run(&arguments, out),
+        Command::Calibrate(calibrate) => calibrate::run(calibrate, out),
         Command::Focus(focus) => focus::run(focus, out),
     }
 }
