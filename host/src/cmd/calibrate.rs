@@ -34,6 +34,8 @@ enum Action {
     Pipette(pipette::Pipette),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
+    /// The objective's height after a turn of the coarse focus knob
+    ObjectiveHeight(coarse::height::Arguments),
 }
 
 /// # Errors
@@ -45,6 +47,7 @@ pub fn run(calibrate: Calibrate, out: Output) -> anyhow::Result<()> {
         Action::Objective(objective) => objective.run(out),
         Action::Pipette(pipette) => pipette.run(out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
 }
 
