@@ -3,5 +3,6 @@
 #![no_std]
 
 pub mod autofocus;
+pub mod keeping;
 pub mod motion;
 pub mod ports;
