@@ -29,7 +29,7 @@ pub fn start(hardware: StepHardware, mut systick: SYST, mut dcb: DCB, mut dwt: D
     dwt.enable_cycle_counter();
     let engine = ENGINE.init_with(Engine::new);
     critical_section::with(|cs| {
-        PULSES.borrow_ref_mut(cs).replace(Pulses { engine, hardware }).map_or((), |_| ());
+        *PULSES.borrow_ref_mut(cs) = Some(Pulses { engine, hardware });
     });
     restart();
     systick.set_clock_source(SystClkSource::Core);
