@@ -1,6 +1,7 @@
 //! Parfocal's host library: it measures focus in camera frames and streams it to the board, calibrates camera and
 //! manipulators, and finds pipette tips. The command `parfocal` is built on it.
 
+pub mod autofocus;
 pub mod calibration;
 pub mod clock;
 pub mod focus;
@@ -8,4 +9,6 @@ pub mod frames;
 pub mod link;
 pub mod picture;
 pub mod rig;
+pub mod settings;
+pub mod stage;
 pub mod tip;

@@ -1,3 +1,4 @@
 //! A virtual rig.
 
 pub mod scene;
+pub mod stereo;

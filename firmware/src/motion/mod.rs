@@ -1,5 +1,11 @@
 //! From a wish to move to timed pulses: profiles, pulse trains, rings, axes.
 
-/// Feeds the rings from which DMA plays pulses. Owned by the step interrupt; reached through [`crate::ports::Board::pulses`].
-#[derive(Debug, Default)]
-pub struct Engine {}
+mod engine;
+mod phase;
+pub mod playback;
+mod record;
+mod ring;
+mod track;
+
+pub use engine::{CLOCK_PER_TICK, Engine, SERVICE, StepTimers};
+pub use record::{LONGEST, RING, Record, SHORTEST};

@@ -1,10 +1,14 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
+pub mod focus;
+
 use clap::Subcommand;
 
 /// Everything `parfocal` can be asked to do.
 #[derive(Debug, Subcommand)]
-pub enum Command {}
+pub enum Command {
+    Focus(focus::Focus),
+}
 
 /// How a command speaks: people's text on stderr or stdout, or one JSON object on stdout.
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +39,8 @@ impl Output {
 ///
 /// # Errors
 /// Whatever stopped it, as one sentence for a person; the exit code is then 1.
-pub fn run(command: Command, _out: Output) -> anyhow::Result<()> {
-    match command {}
+pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
+    match command {
+        Command::Focus(focus) => focus::run(focus, out),
+    }
 }

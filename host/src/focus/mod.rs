@@ -14,10 +14,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod compare;
 mod histogram;
 mod measure;
 pub mod quality;
 pub mod region;
+pub mod shape;
 mod simd;
 
 pub use measure::{Measure, UnknownMeasure};

@@ -135,7 +135,10 @@ mod tests {
     fn a_curve_is_linear_between_its_points_and_flat_beyond() {
         let (_dir, path) = file("z_um,phi\n0,1\n2,5\n4,3\n");
         let mut curve = Curve::open(&path).unwrap();
-        assert_eq!([-1.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0].map(|z| curve.value(Micrometres(z))), [1.0, 1.0, 3.0, 5.0, 4.0, 3.0, 3.0]);
+        assert_eq!(
+            [-1.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0].map(|z| curve.value(Micrometres(z))),
+            [1.0, 1.0, 3.0, 5.0, 4.0, 3.0, 3.0]
+        );
     }
 
     #[test]

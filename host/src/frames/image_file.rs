@@ -121,8 +121,7 @@ fn open(path: &Path) -> Result<ImageReader<Source>, ImageFileError> {
 
 /// PNG and JPEG.
 fn decode(path: &Path, reader: ImageReader<Source>) -> Result<(Picture, Option<Note>), ImageFileError> {
-    let decoded =
-        reader.decode().map_err(|e| ImageFileError::Decode { path: path.into(), reason: e.to_string() })?;
+    let decoded = reader.decode().map_err(|e| ImageFileError::Decode { path: path.into(), reason: e.to_string() })?;
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let unfit = |kind: &str| ImageFileError::Pixels { path: path.into(), kind: kind.into() };
     let (samples, channels) = match decoded {

@@ -131,7 +131,8 @@ impl Stack {
         }
         let first = planes.first().map(shape).ok_or_else(|| StackError::Empty(path.into()))?;
         if let Some((i, odd)) = planes.iter().enumerate().find(|(_, p)| shape(p) != first) {
-            let path = if files.len() == 1 { format!("{} page {i}", files[0].display()).into() } else { files[i].clone() };
+            let path =
+                if files.len() == 1 { format!("{} page {i}", files[0].display()).into() } else { files[i].clone() };
             return Err(StackError::Unlike { path, found: shape(odd), expected: first });
         }
         about.check(&about_path, &planes)?;
@@ -247,7 +248,9 @@ mod tests {
     fn folder(widths: &[u32], about: Option<&str>) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         for (i, w) in widths.iter().enumerate() {
-            image::GrayImage::from_pixel(*w, 4, image::Luma([10 * i as u8])).save(dir.path().join(format!("z{i:03}.png"))).unwrap();
+            image::GrayImage::from_pixel(*w, 4, image::Luma([10 * i as u8]))
+                .save(dir.path().join(format!("z{i:03}.png")))
+                .unwrap();
         }
         if let Some(text) = about {
             std::fs::write(dir.path().join("stack.toml"), text).unwrap();

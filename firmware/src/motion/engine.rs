@@ -1,0 +1,282 @@
+//! What the step interrupt does: tops up the rings, and wakes timers that ran dry.
+
+use super::phase::Phase;
+use super::record::{LONGEST, RING, Record};
+use super::ring::WAKE;
+use super::track::{Pulse, Track};
+use parfocal_protocol::units::{AXES, BoardTime};
+
+/// The step interrupt comes this often, ticks: 100 µs. At the top rate it lays 191 records, of a ring of 512.
+pub const SERVICE: u32 = 8_400;
+
+/// How far ahead rings are filled, ticks: 2.5 ms.
+pub const LEAD: u64 = 210_000;
+
+/// A motion whose pulses stood still for longer than this, ticks, is stopped: 2.5 ms.
+pub const GAP: u64 = 210_000;
+
+/// Silence laid before the timers start, ticks.
+const START: u32 = 20 * LONGEST;
+
+/// Timer ticks a µs.
+pub const TICKS_PER_US: u64 = 84;
+
+/// What the engine needs of the step timers and their DMA streams.
+pub trait StepTimers {
+    /// Words that an axis' stream has left in this lap of its ring: NDTR.
+    fn left(&mut self, axis: usize) -> u32;
+
+    /// One update by software (EGR.UG, with its DMA request), which wakes a timer that stands at the guard.
+    fn wake(&mut self, axis: usize);
+
+    /// A free-running counter at [`CLOCK_PER_TICK`] times the step timers' rate, e.g. the cycle counter. Wraps at 2³².
+    fn clock(&mut self) -> u32;
+}
+
+/// Cycles of [`StepTimers::clock`] a tick.
+pub const CLOCK_PER_TICK: u32 = 2;
+
+/// A time without pulses in mid-motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gap {
+    /// How long the pulses stood still, ticks.
+    pub ticks: u64,
+    /// An axis that ran dry first.
+    pub axis: usize,
+}
+
+/// Feeds the rings from which DMA plays pulses. Owned by the step interrupt; reached through
+/// [`crate::ports::Board::pulses`].
+///
+/// All axes share a timeline of ticks: tick 84·µs of the board's clock, later by what all of them stood still together.
+#[derive(Debug)]
+pub struct Engine {
+    tracks: [Track; AXES],
+    /// Tick reached.
+    now: u64,
+    /// Ticks the timeline is behind the board's clock.
+    behind: u64,
+    clock: u32,
+    /// Part of a tick not yet counted in `now`, in clock cycles.
+    rest: u32,
+    lead: u64,
+    /// An axis ran dry, or nearly: nothing is published until every timer stands.
+    dry: Option<usize>,
+    /// Longest gap in motion since it was last asked for.
+    gap: Option<Gap>,
+    gaps: u32,
+    running: bool,
+}
+
+impl Default for Engine {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Engine {
+    /// Timers not running.
+    pub const fn new() -> Self {
+        Self {
+            tracks: [const { Track::new() }; AXES],
+            now: 0,
+            behind: 0,
+            clock: 0,
+            rest: 0,
+            lead: LEAD,
+            dry: None,
+            gap: None,
+            gaps: 0,
+            running: false,
+        }
+    }
+
+    /// An axis' ring: its stream reads [`RING`] records from here, in a circle. Axes beyond the last give the last.
+    pub fn ring(&self, axis: usize) -> &[Record; RING] {
+        self.tracks[axis.min(AXES - 1)].ring.slots()
+    }
+
+    /// Lays silence into every ring from slot 0, for streams that are not running; the caller then points the streams at
+    /// [`Self::ring`], starts them and all timers, and calls [`Self::service`] every [`SERVICE`] ticks. `clock` is
+    /// [`StepTimers::clock`] now.
+    pub fn start(&mut self, now: BoardTime, clock: u32) {
+        self.now = now.0 * TICKS_PER_US;
+        self.behind = 0;
+        (self.clock, self.rest) = (clock, 0);
+        (self.lead, self.dry) = (LEAD, None);
+        for track in &mut self.tracks {
+            track.prepare(self.now, START);
+        }
+        self.running = true;
+    }
+
+    /// The step interrupt: takes note of what was played, and fills up the rings.
+    #[inline]
+    pub fn service(&mut self, timers: &mut impl StepTimers) {
+        if !self.running {
+            return;
+        }
+        self.tell_time(timers.clock());
+        for (axis, track) in self.tracks.iter_mut().enumerate() {
+            track.ring.seen(timers.left(axis));
+            track.rest();
+            if track.ring.near() {
+                self.dry.get_or_insert(axis);
+            }
+        }
+        if self.dry.is_some() {
+            self.wake_when_all_stand(timers);
+            return;
+        }
+        // One horizon for all: should they run dry, then together.
+        let mut horizon = self.now + self.lead;
+        let mut full = self.now + LEAD;
+        for (axis, track) in self.tracks.iter_mut().enumerate() {
+            track.fill(horizon);
+            if track.end < horizon {
+                horizon = track.end;
+            }
+            if track.ring.room() == 0 {
+                full = full.min(track.end);
+            }
+            let (high, dir) = track.levels();
+            track.ring.publish(high, dir, || timers.left(axis));
+            if track.ring.near() {
+                self.dry.get_or_insert(axis);
+            }
+        }
+        self.lead = full.saturating_sub(self.now).clamp(u64::from(SERVICE), (self.lead + u64::from(SERVICE)).min(LEAD));
+    }
+
+    fn tell_time(&mut self, clock: u32) {
+        let cycles = clock.wrapping_sub(self.clock);
+        self.clock = clock;
+        self.now += u64::from(cycles / CLOCK_PER_TICK);
+        self.rest += cycles % CLOCK_PER_TICK;
+        if self.rest >= CLOCK_PER_TICK {
+            self.rest -= CLOCK_PER_TICK;
+            self.now += 1;
+        }
+    }
+
+    /// When every timer stands at its guard: wakes all of them, each where the timeline has it.
+    fn wake_when_all_stand(&mut self, timers: &mut impl StepTimers) {
+        if !self.tracks.iter().all(|t| t.ring.blocked()) {
+            return;
+        }
+        let first = self.tracks.iter().map(Track::reached).min().unwrap_or(0);
+        let stood = self.now.saturating_sub(first);
+        let moving = self.tracks.iter().any(Track::busy);
+        let stop = moving && stood > GAP;
+        for track in &mut self.tracks {
+            if stop {
+                track.forget();
+            }
+            track.reopen(first);
+            track.fill(first + self.lead);
+            track.close();
+        }
+        for axis in 0..AXES {
+            timers.wake(axis);
+        }
+        // The timeline stands until the guards' silence is over.
+        let from = first.saturating_sub(u64::from(2 * WAKE + LONGEST));
+        self.behind += self.now.saturating_sub(from);
+        self.now = from;
+        let axis = self.dry.take().unwrap_or(0);
+        if moving {
+            self.gaps = self.gaps.wrapping_add(1);
+            if self.gap.is_none_or(|g| g.ticks < stood) {
+                self.gap = Some(Gap { ticks: stood, axis });
+            }
+        }
+    }
+
+    /// The board has forced the outputs inactive and stopped timers and streams; these are an axis' NDTR and CNT now. Its count
+    /// of steps is exact, and nothing of its path is left. [`Self::start`] begins anew.
+    pub fn halted(&mut self, axis: usize, left: u32, count: u32) {
+        self.running = false;
+        let Some(track) = self.tracks.get_mut(axis) else { return };
+        track.halt(left, count);
+    }
+}
+
+/// For the thread side.
+impl Engine {
+    /// Tick of the timeline at an instant of the board's clock.
+    pub fn tick(&self, at: BoardTime) -> u64 {
+        (at.0 * TICKS_PER_US).saturating_sub(self.behind)
+    }
+
+    /// The board's clock at a tick.
+    pub fn time(&self, tick: u64) -> BoardTime {
+        BoardTime((tick + self.behind) / TICKS_PER_US)
+    }
+
+    /// The first tick for which no record of these axes is laid.
+    pub fn laid(&self, axes: [bool; AXES]) -> u64 {
+        self.tracks
+            .iter()
+            .zip(axes)
+            .filter(|(_, take)| *take)
+            .map(|(t, _)| t.end)
+            .max()
+            .unwrap_or(self.now)
+            .max(self.now)
+    }
+
+    /// Steps at the output, as the interrupt last saw it.
+    pub fn steps(&self, axis: usize) -> i32 {
+        self.tracks.get(axis).map_or(0, |t| t.played(None).0)
+    }
+
+    /// Steps that will be out when the records laid are played.
+    pub fn issued(&self, axis: usize) -> i32 {
+        self.tracks.get(axis).map_or(0, |t| t.issued)
+    }
+
+    /// Declares the count of an axis at rest.
+    pub fn set_steps(&mut self, axis: usize, steps: i32) {
+        if let Some(track) = self.tracks.get_mut(axis) {
+            track.issued = steps;
+        }
+    }
+
+    /// Sets how pulses of an axis at rest look.
+    pub fn set_pulse(&mut self, axis: usize, pulse: Pulse) {
+        if let Some(track) = self.tracks.get_mut(axis) {
+            track.set_pulse(pulse);
+        }
+    }
+
+    /// Whether edges are still to come.
+    pub fn busy(&self, axis: usize) -> bool {
+        self.tracks.get(axis).is_some_and(Track::busy)
+    }
+
+    /// Adds phases to an axis. False when they do not all fit, and then none is added.
+    pub fn append(&mut self, axis: usize, phases: &[Phase]) -> bool {
+        let Some(track) = self.tracks.get_mut(axis) else { return false };
+        track.space() >= phases.len() && phases.iter().all(|p| track.append(*p))
+    }
+
+    /// Cuts an axis' path at a tick not laid yet: `steps` edges remain of the phase there. False when more are laid.
+    pub fn cut(&mut self, axis: usize, tick: u64, steps: u32) -> bool {
+        self.tracks.get_mut(axis).is_some_and(|t| t.end <= tick && t.cut(tick, steps))
+    }
+
+    /// Phases of an axis, the oldest first.
+    pub fn phases(&self, axis: usize) -> impl DoubleEndedIterator<Item = &Phase> {
+        self.tracks.get(axis).into_iter().flat_map(Track::phases)
+    }
+
+    /// The longest time that pulses stood still in a motion since this was last asked.
+    pub fn take_gap(&mut self) -> Option<Gap> {
+        self.gap.take()
+    }
+
+    /// How often pulses stood still in a motion since the start.
+    pub fn gaps(&self) -> u32 {
+        self.gaps
+    }
+}

@@ -1,0 +1,499 @@
+//! One axis: its phases become edges, its edges become records.
+
+use super::phase::{Phase, Place, Span};
+use super::record::{LONGEST, RING, Record, SHORTEST};
+use super::ring::Ring;
+use heapless::Deque;
+
+/// Phases an axis holds, those over and those to come.
+pub const PHASES: usize = 16;
+
+/// How an axis' STEP and DIR are driven, ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulse {
+    /// STEP high time of single-edge stepping.
+    pub high: u32,
+    /// DIR stands this long before a step.
+    pub setup: u32,
+    /// Whether both edges of STEP are steps.
+    pub both: bool,
+    /// Whether larger counts mean DIR low.
+    pub inverted: bool,
+}
+
+/// An edge to come.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    tick: u64,
+    up: bool,
+}
+
+/// One axis.
+#[derive(Debug)]
+pub struct Track {
+    /// Its records.
+    pub ring: Ring,
+    /// Tick at which the next record begins.
+    pub end: u64,
+    /// Steps of all records laid.
+    pub issued: i32,
+    /// Count of the last record that holds an edge.
+    last_edge: u32,
+    pulse: Pulse,
+    phases: Deque<Phase, PHASES>,
+    /// Phases generated whole, at the front of `phases`.
+    done: usize,
+    place: Option<Place>,
+    span: Span,
+    ahead: [Option<Edge>; 2],
+    /// Whether STEP changes as the next record begins.
+    open: bool,
+    high: bool,
+    dir: u32,
+    dir_up: bool,
+}
+
+impl Track {
+    /// At rest, STEP low.
+    pub const fn new() -> Self {
+        Self {
+            ring: Ring::new(),
+            end: 0,
+            issued: 0,
+            last_edge: 0,
+            pulse: Pulse { high: 420, setup: 420, both: false, inverted: false },
+            phases: Deque::new(),
+            done: 0,
+            place: None,
+            span: Span { left: 0, time: 0, by: [0; 3] },
+            ahead: [None; 2],
+            open: false,
+            high: false,
+            dir: 0,
+            dir_up: false,
+        }
+    }
+
+    /// Begins anew at `tick` on a stream that is not running: silence of `ticks`, then the guard.
+    pub fn prepare(&mut self, tick: u64, ticks: u32) {
+        self.forget();
+        self.open = false;
+        self.high = false;
+        self.ring.clear();
+        self.end = tick;
+        let mut left = ticks;
+        while left >= LONGEST {
+            self.lay(LONGEST, 0);
+            left -= LONGEST;
+        }
+        self.last_edge = 8u32.wrapping_neg();
+        self.close();
+    }
+
+    /// Sets how pulses look; for an axis at rest.
+    pub fn set_pulse(&mut self, pulse: Pulse) {
+        self.pulse = pulse;
+        self.dir_up = self.dir != Record::dir(pulse.inverted);
+    }
+
+    /// STEP's level and DIR's compare value behind the last record.
+    pub fn levels(&self) -> (bool, u32) {
+        (self.high, self.dir)
+    }
+
+    /// Whether there is nothing left to lay.
+    pub fn exhausted(&self) -> bool {
+        self.done >= self.phases.len() && self.place.is_none() && self.ahead[0].is_none() && !self.open
+    }
+
+    /// Whether the last edge is out, as DMA was last seen.
+    pub fn out(&self) -> bool {
+        (self.ring.playing().wrapping_sub(self.last_edge) as i32) > 0
+    }
+
+    /// Steps behind the outputs, and the tick reached, as DMA was last seen; `count` is the timer's, 0 for the start of the
+    /// record that plays, in which every edge then counts as out.
+    pub fn played(&self, count: Option<u32>) -> (i32, u64) {
+        let (playing, head) = (self.ring.playing(), self.ring.head());
+        let blocked = self.ring.blocked();
+        let from = if blocked { playing } else { playing.wrapping_add(1) };
+        let (mut steps, mut tick) = (self.issued, self.end);
+        let waiting = head.wrapping_sub(from) as i32;
+        for i in 0..waiting.max(0) as u32 {
+            let at = from.wrapping_add(i);
+            let record = self.ring.get(at);
+            let was_high =
+                if i == 0 && blocked { self.high_at_gate(at) } else { self.ring.get(at.wrapping_sub(1)).ends_high() };
+            steps = steps.wrapping_sub(self.steps_of(&record, was_high));
+            tick -= u64::from(record.ticks());
+        }
+        if !blocked && waiting >= 0 {
+            let record = self.ring.get(playing);
+            tick -= u64::from(record.ticks());
+            if let Some(count) = count {
+                tick += u64::from(count);
+                if self.pulse.both && record.starts_high() && !record.ends_high() && count < record.ccr1 {
+                    steps = steps.wrapping_sub(self.sign(&record));
+                }
+            }
+        }
+        (steps, tick)
+    }
+
+    /// Tick at which the guard begins: what was laid before it is played.
+    pub fn reached(&self) -> u64 {
+        self.played(None).1
+    }
+
+    /// The timer stands at the guard: puts silence before what waits, as long as this axis is ahead of `first`.
+    /// [`Self::close`] must follow.
+    pub fn reopen(&mut self, first: u64) {
+        let gate = self.ring.playing();
+        let shown = self.ring.shown(gate);
+        let wait = self.reached().saturating_sub(first) as u32;
+        // Too short a wait for a record joins a longer one: every axis gets the same on top.
+        self.ring.reopen(wait + LONGEST, shown.starts_high(), shown.ccr2);
+    }
+
+    /// Puts the guard behind what is laid, for a timer that stands or a stream that is not running.
+    pub fn close(&mut self) {
+        self.ring.prepare(self.high, self.dir);
+    }
+
+    /// Timer and stream stopped: counts what was played, and forgets the rest.
+    pub fn halt(&mut self, left: u32, count: u32) {
+        self.ring.seen(left);
+        let (steps, tick) = self.played(Some(count));
+        self.issued = steps;
+        self.end = tick;
+        self.open = false;
+        self.forget();
+        self.last_edge = self.ring.playing().wrapping_sub(1);
+    }
+
+    /// STEP's level while the timer stands at the guard.
+    fn high_at_gate(&self, gate: u32) -> bool {
+        self.ring.shown(gate).starts_high()
+    }
+
+    fn sign(&self, record: &Record) -> i32 {
+        if (record.ccr2 != 0) != self.pulse.inverted { 1 } else { -1 }
+    }
+
+    fn steps_of(&self, record: &Record, was_high: bool) -> i32 {
+        let rise = record.starts_high();
+        let edges = if self.pulse.both {
+            i32::from(rise != was_high) + i32::from(rise && !record.ends_high())
+        } else {
+            i32::from(rise)
+        };
+        edges * self.sign(record)
+    }
+
+    /// Once the last edge is out, keeps its count from falling behind by half the range of counts.
+    pub fn rest(&mut self) {
+        if self.out() {
+            self.last_edge = self.ring.playing().wrapping_sub(1);
+        }
+    }
+
+    /// Whether DIR or STEP changes level, or may, from here on.
+    pub fn busy(&self) -> bool {
+        !self.exhausted() || !self.out()
+    }
+
+    /// Phases known, the oldest first; for looking back.
+    pub fn phases(&self) -> impl DoubleEndedIterator<Item = &Phase> {
+        self.phases.iter()
+    }
+
+    /// Adds a phase. False when there is no room.
+    pub fn append(&mut self, phase: Phase) -> bool {
+        if self.phases.is_full() && self.done > 0 {
+            self.phases.pop_front();
+            self.done -= 1;
+        }
+        self.phases.push_back(phase).is_ok()
+    }
+
+    /// How many phases [`Self::append`] takes.
+    pub fn space(&self) -> usize {
+        PHASES - self.phases.len() + self.done
+    }
+
+    /// Drops everything that is not laid yet.
+    pub fn forget(&mut self) {
+        self.phases.clear();
+        self.done = 0;
+        self.drop_generated();
+    }
+
+    fn drop_generated(&mut self) {
+        self.place = None;
+        self.span.left = 0;
+        self.ahead = [None; 2];
+    }
+
+    /// Cuts the path: of the phase that spans `tick`, `steps` remain, of later ones nothing. False, and nothing changed, when
+    /// more than that is laid already.
+    pub fn cut(&mut self, tick: u64, steps: u32) -> bool {
+        let Some(at) = self.phases.iter().position(|p| p.begin + p.ticks > tick) else { return true };
+        if !self.rewind(at, steps) {
+            return false;
+        }
+        while self.phases.len() > at + 1 {
+            self.phases.pop_back();
+        }
+        if let Some(phase) = self.phases.back_mut() {
+            // What was solved stays solved: a reversed cubic counts from its last edge.
+            phase.cut(steps);
+            phase.ticks = tick.saturating_sub(phase.begin);
+        }
+        true
+    }
+
+    /// Takes back edges generated but not laid, and leaves the place where the next edge is; false when phase `at` has
+    /// more than `steps` laid.
+    fn rewind(&mut self, at: usize, steps: u32) -> bool {
+        let waiting = self.ahead.iter().flatten().count() as u32;
+        // What is left of the span is not generated.
+        let mut index = self.place.map_or(0, |p| p.index.wrapping_sub(self.span.left));
+        let mut phase = self.done;
+        let mut tick = self.ahead[0].map_or(self.end, |e| e.tick);
+        for _ in 0..waiting {
+            while index == 0 && phase > 0 {
+                phase -= 1;
+                index = self.phases.iter().nth(phase).map_or(0, |p| p.steps);
+            }
+            index = index.wrapping_sub(1);
+        }
+        if phase > at || (phase == at && index > steps) {
+            return false;
+        }
+        let Some(p) = self.phases.iter().nth(phase) else { return false };
+        tick = tick.max(p.begin);
+        let place = if index == 0 { p.place() } else { p.seek(index, tick) };
+        self.drop_generated();
+        self.done = phase;
+        self.place = Some(place);
+        true
+    }
+
+    /// Lays records until they reach `horizon` or there is no room.
+    pub fn fill(&mut self, horizon: u64) {
+        let mut room = self.ring.room();
+        while self.end < horizon && room > 0 {
+            if self.open && self.ahead[0].is_none() && self.span.left > 1 && self.ring.past_guard() {
+                let ran = if self.pulse.both {
+                    if self.high { 0 } else { self.run_both(horizon, room) }
+                } else {
+                    self.run_rising(horizon, room)
+                };
+                if ran > 0 {
+                    room -= ran;
+                    continue;
+                }
+            }
+            room -= self.lay_next().min(room);
+        }
+    }
+
+    /// Single-edge pulses of one span, while they are short.
+    fn run_rising(&mut self, horizon: u64, room: u32) -> u32 {
+        let (high, dir) = (self.pulse.high, self.dir);
+        let most = self.span.left.min(room);
+        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
+        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.span;
+        let from = self.end as u32;
+        let mut open = from;
+        let (slots, mut slot) = self.ring.run();
+        let mut n = 0;
+        while n < most && open.wrapping_sub(from) < ticks {
+            let next = (time >> 32) as u32;
+            let length = next.wrapping_sub(open);
+            if length.wrapping_sub(SHORTEST - 2) > LONGEST - SHORTEST {
+                break;
+            }
+            if let Some(record) = slots.get_mut(slot & (RING - 1)) {
+                *record = Record::pulse(length, high, dir);
+            }
+            slot += 1;
+            open = next;
+            time = time.wrapping_add_signed(d1);
+            d1 = d1.wrapping_add(d2);
+            d2 = d2.wrapping_add(d3);
+            n += 1;
+        }
+        self.ran(n, n, Span { left: self.span.left - n, time, by: [d1, d2, d3] }, open);
+        n
+    }
+
+    /// Pulses of two steps each of one span, while they are short.
+    fn run_both(&mut self, horizon: u64, room: u32) -> u32 {
+        let dir = self.dir;
+        let most = (self.span.left / 2).min(room);
+        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
+        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.span;
+        let from = self.end as u32;
+        let mut open = from;
+        let (slots, mut slot) = self.ring.run();
+        let mut n = 0;
+        while n < most && open.wrapping_sub(from) < ticks {
+            let fall = (time >> 32) as u32;
+            let (e1, e2) = (d1.wrapping_add(d2), d2.wrapping_add(d3));
+            let then = time.wrapping_add_signed(d1);
+            let next = (then >> 32) as u32;
+            let length = next.wrapping_sub(open);
+            if length.wrapping_sub(SHORTEST - 2) > LONGEST - SHORTEST {
+                break;
+            }
+            if let Some(record) = slots.get_mut(slot & (RING - 1)) {
+                *record = Record::pulse(length, fall.wrapping_sub(open), dir);
+            }
+            slot += 1;
+            open = next;
+            time = then.wrapping_add_signed(e1);
+            d1 = e1.wrapping_add(e2);
+            d2 = e2.wrapping_add(d3);
+            n += 1;
+        }
+        self.ran(n, 2 * n, Span { left: self.span.left - 2 * n, time, by: [d1, d2, d3] }, open);
+        n
+    }
+
+    /// Books a run of `n` records with `steps` steps.
+    #[inline(always)]
+    fn ran(&mut self, n: u32, steps: u32, span: Span, open: u32) {
+        self.span = span;
+        self.end += u64::from(open.wrapping_sub(self.end as u32));
+        self.ring.ran(n);
+        if n > 0 {
+            self.count(steps as i32);
+        }
+    }
+
+    /// Counts steps laid, the latest in the last record.
+    fn count(&mut self, steps: i32) {
+        self.issued = self.issued.wrapping_add(if self.dir_up { steps } else { -steps });
+        self.last_edge = self.ring.head().wrapping_sub(1);
+    }
+
+    /// Lays the next record or two, however far the next edge is.
+    fn lay_next(&mut self) -> u32 {
+        let Some(edge) = self.peek(0) else {
+            // Nothing to do: silence, or the end of the last pulse.
+            self.piece(LONGEST);
+            return 1;
+        };
+        if edge.up != self.dir_up {
+            let turn = edge.tick.saturating_sub(u64::from(self.pulse.setup));
+            // DIR stands as long after a step as before one.
+            let hold = if self.open { u64::from(self.pulse.high + self.pulse.setup) } else { 0 };
+            if turn.max(self.end + hold) > self.end {
+                self.towards(turn.max(self.end + hold));
+                return 1;
+            }
+            // The planner leaves room for DIR at every reversal; were there none, the step would come later, never wrongly.
+            self.dir_up = edge.up;
+            self.dir = Record::dir(edge.up != self.pulse.inverted);
+            self.piece(self.pulse.setup.max(SHORTEST));
+            return 1;
+        }
+        if edge.tick <= self.end && !self.open {
+            self.take();
+            self.open = true;
+            return 0;
+        }
+        if self.open && self.pulse.both && !self.high {
+            let second =
+                self.peek(1).filter(|e| e.up == edge.up && e.tick.wrapping_sub(self.end) <= u64::from(LONGEST));
+            if let Some(second) = second {
+                self.take();
+                self.take();
+                self.lay(second.tick.wrapping_sub(self.end) as u32, edge.tick.wrapping_sub(self.end) as u32);
+                self.count(2);
+                // The second edge opens the next record.
+                self.open = true;
+                return 1;
+            }
+        }
+        self.towards(edge.tick);
+        1
+    }
+
+    /// One record towards a tick at which something happens.
+    fn towards(&mut self, tick: u64) {
+        // Nothing is planned so near; if it were, it would come later and not block the timer.
+        let wait = tick.saturating_sub(self.end).max(u64::from(SHORTEST));
+        let longest = u64::from(LONGEST);
+        let ticks = if wait <= longest {
+            wait
+        } else if wait < 2 * longest {
+            wait / 2
+        } else {
+            longest
+        };
+        self.piece(ticks as u32);
+    }
+
+    /// A record without a further edge: the level that STEP has, or gets if an edge opens it.
+    fn piece(&mut self, ticks: u32) {
+        let opened = core::mem::take(&mut self.open);
+        let high = match (opened, self.pulse.both) {
+            (true, false) => self.pulse.high,
+            (true, true) => {
+                self.high = !self.high;
+                Record::hold(1, self.high, 0).ccr1
+            }
+            (false, _) => Record::hold(1, self.high, 0).ccr1,
+        };
+        self.lay(ticks, high);
+        if opened {
+            self.count(1);
+        }
+    }
+
+    fn lay(&mut self, ticks: u32, high: u32) {
+        self.ring.push(Record::pulse(ticks, high, self.dir));
+        self.end += u64::from(ticks);
+    }
+
+    /// The next edge, or the one after it.
+    fn peek(&mut self, which: usize) -> Option<Edge> {
+        for i in 0..=which {
+            if self.ahead.get(i)?.is_none() {
+                let edge = self.generate();
+                *self.ahead.get_mut(i)? = edge;
+                edge?;
+            }
+        }
+        *self.ahead.get(which)?
+    }
+
+    fn take(&mut self) {
+        self.ahead = [self.ahead[1], None];
+    }
+
+    fn generate(&mut self) -> Option<Edge> {
+        while self.span.left == 0 {
+            let (a, b) = self.phases.as_slices();
+            let phase = a.get(self.done).or_else(|| b.get(self.done.wrapping_sub(a.len())))?;
+            let mut place = self.place.unwrap_or_else(|| phase.place());
+            if place.index >= phase.steps {
+                self.place = None;
+                self.done += 1;
+                continue;
+            }
+            self.span = phase.span(&mut place);
+            self.place = Some(place);
+        }
+        let after = ((self.span.time >> 32) as u32).wrapping_sub(self.end as u32) as i32;
+        let tick = self.end.saturating_add_signed(i64::from(after));
+        let [d1, d2, d3] = self.span.by;
+        self.span.time = self.span.time.wrapping_add_signed(d1);
+        self.span.by = [d1.wrapping_add(d2), d2.wrapping_add(d3), d3];
+        self.span.left -= 1;
+        let up = self.phases.iter().nth(self.done).is_some_and(|p| p.up);
+        Some(Edge { tick, up })
+    }
+}

@@ -1,0 +1,188 @@
+//! Learning what markers carry, and using it.
+
+use super::super::Output;
+use super::{Arguments, placing, stereo};
+use anyhow::{Context, anyhow, bail};
+use nalgebra::{Matrix3, Point3, Vector3};
+use parfocal::calibration::coarse::learn::fine::{self, Fine, Objective};
+use parfocal::calibration::coarse::learn::{self, Click, Learned, Now, moves};
+use parfocal::calibration::coarse::{Degrees, MarkerId};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// The file given to `--learn`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Session {
+    /// The objective's marker.
+    #[serde(default)]
+    objective: Option<MarkerId>,
+    /// Pictures, a folder for each position of the joints; folders relative to this file.
+    sets: Vec<Set>,
+    /// Fine calibrations by marker; without them, axes come from the moves.
+    #[serde(default)]
+    fine: BTreeMap<u16, FineRow>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Set {
+    pairs: PathBuf,
+    #[serde(default)]
+    microscope_um: [f64; 3],
+    manipulators: BTreeMap<u16, Stop>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stop {
+    joints_um: [f64; 3],
+    #[serde(default)]
+    tip: Vec<Click>,
+    #[serde(default)]
+    shank: Vec<Click>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FineRow {
+    /// The first three rows of T_man_ref, µm.
+    man_to_ref_um: [[f64; 4]; 3],
+    #[serde(default)]
+    theta_deg: Option<f64>,
+    #[serde(default)]
+    psi_deg: Option<f64>,
+}
+
+/// The file given to `--now`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NowFile {
+    #[serde(default)]
+    microscope_um: [f64; 3],
+    #[serde(default)]
+    joints_um: BTreeMap<u16, [f64; 3]>,
+}
+
+fn read<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::Result<T> {
+    let text = std::fs::read_to_string(file).with_context(|| format!("{}: cannot be read", file.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("{}: is not of the form in docs/coarse.md", file.display()))
+}
+
+pub(super) fn run(arguments: &Arguments, file: &Path, out: Output) -> anyhow::Result<()> {
+    let session: Session = read(file)?;
+    if session.sets.is_empty() {
+        bail!("{}: names no sets of pictures", file.display());
+    }
+    let Some(camera) = &arguments.stereo else { bail!("clicks and pictures need the stereo camera: give --stereo") };
+    let camera = stereo::read(camera)?;
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let mut stops: BTreeMap<MarkerId, Vec<moves::Stop>> = BTreeMap::new();
+    let mut objective = None;
+    for set in &session.sets {
+        let name = set.pairs.display().to_string();
+        let seen = placing::from_pairs(arguments, &folder.join(&set.pairs)).with_context(|| format!("set {name}"))?;
+        if let (None, Some(marker)) = (&objective, session.objective) {
+            let pose = *seen.markers.get(&marker).ok_or_else(|| not_placed(marker, &name))?;
+            objective = Some(Objective { marker, pose, microscope_um: Vector3::from(set.microscope_um) });
+        }
+        for (id, stop) in &set.manipulators {
+            let marker = MarkerId(*id);
+            let pose = seen.markers.get(&marker).ok_or_else(|| not_placed(marker, &name))?;
+            let point = |clicks: &[Click]| -> anyhow::Result<Option<Point3<f64>>> {
+                learn::clicked(clicks, &seen.places, &camera).with_context(|| format!("set {name}, marker {id}"))
+            };
+            let (tip_mm, shank_mm) = (point(&stop.tip)?, point(&stop.shank)?);
+            let joints_um = Vector3::from(stop.joints_um);
+            let stop = moves::Stop { joints_um, marker: pose.pose, tip_mm, shank_mm };
+            stops.entry(marker).or_default().push(stop);
+        }
+    }
+    let learned = if session.fine.is_empty() {
+        let one = |(id, stops): (MarkerId, Vec<moves::Stop>)| Ok((id, moves::learn(id, &stops)?));
+        let manipulators = stops.into_iter().map(one).collect::<Result<_, learn::LearnError>>()?;
+        Learned { manipulators, ..Learned::default() }
+    } else {
+        let mut all = BTreeMap::new();
+        for (id, row) in &session.fine {
+            let marker = MarkerId(*id);
+            let seen = stops.remove(&marker);
+            let seen = seen.ok_or_else(|| anyhow!("marker {id} has a fine calibration but is in no set: add it to one"))?;
+            all.insert(marker, (row.fine(), seen));
+        }
+        fine::learn(&all, objective.as_ref())?
+    };
+    let value = serde_json::to_value(&learned)?;
+    if let Some(file) = &arguments.out {
+        std::fs::write(file, serde_json::to_string_pretty(&value)? + "\n")
+            .with_context(|| format!("{}: cannot be written", file.display()))?;
+    }
+    out.result(&to_text(&learned), &value)
+}
+
+fn not_placed(marker: MarkerId, set: &str) -> learn::LearnError {
+    learn::LearnError::NotPlaced { marker, set: set.into() }
+}
+
+impl FineRow {
+    fn fine(&self) -> Fine {
+        let m = &self.man_to_ref_um;
+        Fine {
+            axes: Matrix3::from_fn(|i, j| m[i][j]),
+            origin_um: Vector3::from_fn(|i, _| m[i][3]),
+            pipette: self.theta_deg.zip(self.psi_deg).map(|(t, p)| [Degrees(t), Degrees(p)]),
+        }
+    }
+}
+
+fn to_text(learned: &Learned) -> String {
+    let mut text = String::new();
+    for (id, m) in &learned.manipulators {
+        let scale: Vec<String> = (0..3).map(|k| format!("{:.3}", m.axes.column(k).norm())).collect();
+        let _ = write!(text, "marker {id}: axes' scales {}", scale.join(" "));
+        if let Some(tip) = m.tip_mm {
+            let _ = write!(text, ", tip at {:.2} {:.2} {:.2} mm", tip.x, tip.y, tip.z);
+        }
+        let _ = writeln!(text, "{}", if m.rides { "" } else { ", on the base" });
+    }
+    for (id, o) in &learned.objectives {
+        let t = o.mic.translation.vector;
+        let _ = writeln!(text, "marker {id}: focal point at {:.2} {:.2} {:.2} mm", t.x, t.y, t.z);
+    }
+    text
+}
+
+/// Adds each manipulator's registration to what is printed.
+pub(super) fn place(
+    found: &parfocal::calibration::coarse::Registration,
+    learned: &Path,
+    now: &Path,
+    value: &mut Value,
+    text: &mut String,
+) -> anyhow::Result<()> {
+    let learned: Learned = read(learned)?;
+    let now: NowFile = read(now)?;
+    let now = Now {
+        microscope_um: Vector3::from(now.microscope_um),
+        joints_um: now.joints_um.into_iter().map(|(id, j)| (MarkerId(id), Vector3::from(j))).collect(),
+    };
+    let placed = learn::place(found, &learned, &now)?;
+    let mut rows = serde_json::Map::new();
+    for (id, m) in &placed {
+        let angle = |d: Option<Degrees>| d.map_or("unknown".into(), |d| d.to_string());
+        let _ = writeln!(
+            text,
+            "manipulator of marker {id}: Θ {}, ψ {} (± {}), tip good to {}",
+            angle(m.theta),
+            angle(m.psi),
+            m.direction_error,
+            m.tip_error
+        );
+        rows.insert(id.to_string(), json!(m));
+    }
+    value["manipulators"] = Value::Object(rows);
+    Ok(())
+}

@@ -1,0 +1,65 @@
+//! A camera: frames one after another, each with the time of its exposure if the camera knows it.
+
+use crate::picture::Picture;
+use parfocal_protocol::units::HostTime;
+use thiserror::Error;
+
+/// One camera frame.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// What it shows.
+    pub picture: Picture,
+    /// Number of the frame since the camera started, gaps included when the camera dropped some.
+    pub number: u64,
+    /// Begin and end of the exposure by the host's clock; `None` when the camera does not tell.
+    pub exposure: Option<(HostTime, HostTime)>,
+    /// When the host had the whole frame.
+    pub arrival: HostTime,
+}
+
+/// Why a camera gives no frames.
+#[derive(Debug, Error)]
+pub enum CameraError {
+    /// It stopped delivering.
+    #[error(
+        "the camera {camera} delivered no frame for {millis} ms: check its cable and that no other program uses it"
+    )]
+    Stalled {
+        /// Its name.
+        camera: String,
+        /// How long.
+        millis: u64,
+    },
+    /// It went away.
+    #[error("the camera {camera} ended: {reason}")]
+    Ended {
+        /// Its name.
+        camera: String,
+        /// What it said last.
+        reason: String,
+    },
+    /// Its frames changed their size.
+    #[error(
+        "the camera {camera} changed its frames from {from} to {to}: calibrations and regions no longer fit; restart it with the old size"
+    )]
+    Resized {
+        /// Its name.
+        camera: String,
+        /// Size before.
+        from: String,
+        /// Size now.
+        to: String,
+    },
+}
+
+/// A source of frames.
+pub trait Camera: Send {
+    /// What it is called in messages.
+    fn name(&self) -> String;
+
+    /// Waits for the next frame, in order, until `deadline`; `None` when none came.
+    ///
+    /// # Errors
+    /// The camera is gone.
+    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError>;
+}
