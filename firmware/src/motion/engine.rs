@@ -133,11 +133,9 @@ impl Engine {
         let mut full = self.now + LEAD;
         for (axis, track) in self.tracks.iter_mut().enumerate() {
             track.fill(horizon);
-            if track.end < horizon {
-                horizon = track.end;
-            }
             if track.ring.room() == 0 {
                 full = full.min(track.end);
+                horizon = horizon.min(full);
             }
             let (high, dir) = track.levels();
             track.ring.publish(high, dir, || timers.left(axis));

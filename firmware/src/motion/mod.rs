@@ -1,11 +1,13 @@
 //! From a wish to move to timed pulses: profiles, pulse trains, rings, axes.
 
-mod engine;
-mod phase;
+pub mod engine;
+pub mod math;
+pub mod path;
+pub mod phase;
 pub mod playback;
 mod record;
 mod ring;
-mod track;
+pub mod track;
 
 pub use engine::{CLOCK_PER_TICK, Engine, SERVICE, StepTimers};
 pub use record::{LONGEST, RING, Record, SHORTEST};

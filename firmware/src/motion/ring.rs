@@ -70,6 +70,11 @@ impl Ring {
         self.head
     }
 
+    /// Records laid and not fetched.
+    pub fn ahead(&self) -> u32 {
+        self.head.wrapping_sub(self.fetched)
+    }
+
     /// The record that plays now.
     pub fn playing(&self) -> u32 {
         self.fetched.wrapping_sub(2)

@@ -8,6 +8,9 @@ use heapless::Deque;
 /// Phases an axis holds, those over and those to come.
 pub const PHASES: usize = 16;
 
+/// Records that are always laid ahead, however long they are: the guard must not come near.
+const FEWEST: u32 = 14;
+
 /// How an axis' STEP and DIR are driven, ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pulse {
@@ -282,7 +285,7 @@ impl Track {
     /// Lays records until they reach `horizon` or there is no room.
     pub fn fill(&mut self, horizon: u64) {
         let mut room = self.ring.room();
-        while self.end < horizon && room > 0 {
+        while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
             if self.open && self.ahead[0].is_none() && self.span.left > 1 && self.ring.past_guard() {
                 let ran = if self.pulse.both {
                     if self.high { 0 } else { self.run_both(horizon, room) }
@@ -386,7 +389,8 @@ impl Track {
             return 1;
         };
         if edge.up != self.dir_up {
-            let turn = edge.tick.saturating_sub(u64::from(self.pulse.setup));
+            let setup = self.pulse.setup.max(SHORTEST);
+            let turn = edge.tick.saturating_sub(u64::from(setup));
             // DIR stands as long after a step as before one.
             let hold = if self.open { u64::from(self.pulse.high + self.pulse.setup) } else { 0 };
             if turn.max(self.end + hold) > self.end {
@@ -396,7 +400,7 @@ impl Track {
             // The planner leaves room for DIR at every reversal; were there none, the step would come later, never wrongly.
             self.dir_up = edge.up;
             self.dir = Record::dir(edge.up != self.pulse.inverted);
-            self.piece(self.pulse.setup.max(SHORTEST));
+            self.piece(setup);
             return 1;
         }
         if edge.tick <= self.end && !self.open {

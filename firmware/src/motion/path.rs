@@ -1,0 +1,309 @@
+//! Jerk-limited paths: distance as a function of time, in stretches of constant jerk.
+//!
+//! After Biagiotti & Melchiorri, *Trajectory Planning for Automatic Machines and Robots* (Springer 2008), 3.4: seven stretches
+//! from rest to rest. Here the durations are rounded up to whole ticks first and the jerk follows from them, so that a path is
+//! told by a few integers and keeps every limit.
+
+use super::math::{cbrt, ceil_ticks, floor, sqrt};
+use super::phase::{Cubic, Phase, Shape};
+use heapless::Vec;
+
+/// Largest speed, acceleration and jerk, in units of the path per tick, tick², tick³.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Speed.
+    pub v: f64,
+    /// Acceleration.
+    pub a: f64,
+    /// Jerk.
+    pub j: f64,
+}
+
+/// A stretch of constant jerk.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stretch {
+    /// How long, ticks.
+    pub ticks: u64,
+    /// Distance, speed and acceleration at its beginning.
+    pub p: f64,
+    /// Speed, units per tick.
+    pub v: f64,
+    /// Acceleration.
+    pub a: f64,
+    /// Jerk.
+    pub j: f64,
+    /// Distance at its end.
+    pub end: f64,
+}
+
+/// Stretches of a path.
+pub const STRETCHES: usize = 10;
+
+/// Longest duration of a stretch that is not cruise, ticks: 25 s.
+const LONGEST_RAMP: u64 = (1 << 31) - 1;
+
+/// An edge so near to the end of a motion, in steps, is not made: there the path is so slow that its time means nothing.
+const REST: f64 = 1.0 / 4096.0;
+
+/// Where a path is at some tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Distance.
+    pub p: f64,
+    /// Speed.
+    pub v: f64,
+    /// Acceleration.
+    pub a: f64,
+}
+
+/// Distance over time, never decreasing.
+#[derive(Clone, Debug, Default)]
+pub struct Path {
+    stretches: Vec<Stretch, STRETCHES>,
+}
+
+impl Path {
+    /// From rest to rest over `length`. `None` when a ramp would last longer than 25 s.
+    pub fn rest_to_rest(length: f64, limits: Limits) -> Option<Self> {
+        let (tj, ta, tv) = durations(length, limits);
+        if tj.max(ta) > LONGEST_RAMP as f64 || tv > 1e15 {
+            return None;
+        }
+        Some(Self::of_durations(length, ceil_ticks(tj).max(1), ceil_ticks(ta), ceil_ticks(tv)))
+    }
+
+    /// Over `length` with `tj` ticks of jerk, `ta` of constant acceleration, `tv` of constant speed.
+    pub fn of_durations(length: f64, tj: u64, ta: u64, tv: u64) -> Self {
+        let (j, a, v) = (tj as f64, ta as f64, tv as f64);
+        let top = length / (2.0 * j + a + v);
+        let acceleration = top / (j + a);
+        let jerk = acceleration / j;
+        // Distances at the borders, from whichever end they are nearer to.
+        let d1 = jerk * j * j * j / 6.0;
+        let v1 = acceleration * j / 2.0;
+        let d2 = d1 + v1 * a + acceleration * a * a / 2.0;
+        let v2 = v1 + acceleration * a;
+        let d3 = top * (2.0 * j + a) / 2.0;
+        let mut path = Self::default();
+        path.add(Stretch { ticks: tj, p: 0.0, v: 0.0, a: 0.0, j: jerk, end: d1 });
+        path.add(Stretch { ticks: ta, p: d1, v: v1, a: acceleration, j: 0.0, end: d2 });
+        path.add(Stretch { ticks: tj, p: d2, v: v2, a: acceleration, j: -jerk, end: d3 });
+        path.add(Stretch { ticks: tv, p: d3, v: top, a: 0.0, j: 0.0, end: length - d3 });
+        path.add(Stretch { ticks: tj, p: length - d3, v: top, a: 0.0, j: -jerk, end: length - d2 });
+        path.add(Stretch { ticks: ta, p: length - d2, v: v2, a: -acceleration, j: 0.0, end: length - d1 });
+        path.add(Stretch { ticks: tj, p: length - d1, v: v1, a: -acceleration, j: jerk, end: length });
+        path
+    }
+
+    /// From `from` at its acceleration to constant speed `v`, within the limits of acceleration and jerk.
+    pub fn ramp(&mut self, from: State, v: f64, limits: Limits) -> Option<()> {
+        // Speed reached if the acceleration were let go of at once.
+        let free = from.v + from.a * from.a.abs() / (2.0 * limits.j);
+        let sign = if v >= free { 1.0 } else { -1.0 };
+        let a0 = from.a * sign;
+        let gain = (v - from.v) * sign;
+        let mut peak = sqrt(limits.j * gain + a0 * a0 / 2.0).max(a0).max(0.0);
+        let mut hold = 0.0;
+        if peak > limits.a {
+            peak = limits.a.max(a0);
+            hold = ((gain - (peak * peak - a0 * a0 / 2.0) / limits.j) / peak).max(0.0);
+        }
+        let (t1, t2, t3) = ((peak - a0) / limits.j, hold, peak / limits.j);
+        if t1.max(t2).max(t3) > LONGEST_RAMP as f64 {
+            return None;
+        }
+        let (t1, t2, t3) = (ceil_ticks(t1), ceil_ticks(t2), ceil_ticks(t3).max(1));
+        let (d1, d2, d3) = (t1 as f64, t2 as f64, t3 as f64);
+        // The durations are whole ticks now: the peak that reaches v exactly.
+        let peak = (v - from.v - from.a * d1 / 2.0) / (d1 / 2.0 + d2 + d3 / 2.0);
+        let j1 = if t1 > 0 { (peak - from.a) / d1 } else { 0.0 };
+        let mut at = from;
+        at = self.go(at, t1, j1);
+        at.a = peak;
+        at = self.go(at, t2, 0.0);
+        at.a = peak;
+        at = self.go(at, t3, -peak / d3);
+        at.v = v;
+        self.settle(at.p);
+        Some(())
+    }
+
+    /// On at constant speed.
+    pub fn cruise(&mut self, from: State, ticks: u64) {
+        let end = from.p + from.v * ticks as f64;
+        self.add(Stretch { ticks, p: from.p, v: from.v, a: 0.0, j: 0.0, end });
+    }
+
+    fn go(&mut self, from: State, ticks: u64, j: f64) -> State {
+        let t = ticks as f64;
+        let to = State {
+            p: from.p + t * (from.v + t * (from.a / 2.0 + t * j / 6.0)),
+            v: from.v + t * (from.a + t * j / 2.0),
+            a: from.a + t * j,
+        };
+        self.add(Stretch { ticks, p: from.p, v: from.v, a: from.a, j, end: to.p });
+        to
+    }
+
+    fn settle(&mut self, end: f64) {
+        if let Some(last) = self.stretches.last_mut() {
+            last.end = end;
+        }
+    }
+
+    fn add(&mut self, stretch: Stretch) {
+        if stretch.ticks > 0 {
+            // Ten stretches hold every path that is made here; one more would be a mistake that the total would show.
+            let _ = self.stretches.push(stretch);
+        }
+    }
+
+    /// The stretches.
+    pub fn stretches(&self) -> &[Stretch] {
+        &self.stretches
+    }
+
+    /// Ticks in all.
+    pub fn ticks(&self) -> u64 {
+        self.stretches.iter().map(|s| s.ticks).sum()
+    }
+
+    /// Distance in all.
+    pub fn length(&self) -> f64 {
+        self.stretches.last().map_or(0.0, |s| s.end)
+    }
+
+    /// Where the path is `ticks` after its beginning.
+    pub fn state(&self, ticks: u64) -> State {
+        let mut left = ticks;
+        for s in &self.stretches {
+            if left < s.ticks {
+                let t = left as f64;
+                return State {
+                    p: s.p + t * (s.v + t * (s.a / 2.0 + t * s.j / 6.0)),
+                    v: s.v + t * (s.a + t * s.j / 2.0),
+                    a: s.a + t * s.j,
+                };
+            }
+            left -= s.ticks;
+        }
+        State { p: self.length(), v: 0.0, a: 0.0 }
+    }
+
+    /// Ends the path `ticks` after its beginning.
+    pub fn cut(&mut self, ticks: u64) {
+        let end = self.state(ticks).p;
+        let (mut left, mut keep) = (ticks, 0);
+        for s in &mut self.stretches {
+            if left == 0 {
+                break;
+            }
+            keep += 1;
+            if left < s.ticks {
+                (s.ticks, s.end) = (left, end);
+            }
+            left -= s.ticks;
+        }
+        self.stretches.truncate(keep);
+    }
+}
+
+/// Durations of jerk, constant acceleration and constant speed, ticks.
+fn durations(length: f64, limits: Limits) -> (f64, f64, f64) {
+    let Limits { v, a, j } = limits;
+    let (tj, ta) = if v * j < a * a { (sqrt(v / j), 0.0) } else { (a / j, v / a - a / j) };
+    let ramps = v * (2.0 * tj + ta);
+    if ramps <= length {
+        return (tj, ta, (length - ramps) / v);
+    }
+    // No cruise: the top speed that just fits.
+    let b = a * a / j;
+    let top = (sqrt(b * b + 4.0 * a * length) - b) / 2.0;
+    if top * j < a * a { (cbrt(length / (2.0 * j)), 0.0, 0.0) } else { (a / j, top / a - a / j, 0.0) }
+}
+
+/// Counts passed at a distance, of a motion that goes on, or rests there.
+pub fn count(distance: f64, rests: bool) -> f64 {
+    floor(distance + 0.5 - if rests { REST } else { 0.0 }).max(0.0)
+}
+
+/// One stretch as an axis plays it: `scale` steps per unit of the path, beginning at tick `begin`, the counts passed before and
+/// behind it. `None` when no edge lies in it.
+pub fn phase(s: &Stretch, scale: f64, begin: u64, before: f64, behind: f64, up: bool) -> Option<Phase> {
+    let steps = (behind - before) as u32;
+    if steps == 0 {
+        return None;
+    }
+    let (start, end) = (s.p * scale, s.end * scale);
+    let near = before + 0.5 - start;
+    let v = s.v * scale;
+    if s.a == 0.0 && s.j == 0.0 {
+        let interval = 1.0 / v;
+        return Some(Phase {
+            begin,
+            ticks: s.ticks,
+            steps,
+            up,
+            first: fixed((near * interval).max(0.0)),
+            shape: Shape::Even { interval: fixed(interval) },
+        });
+    }
+    let t = s.ticks as f64;
+    let (a, j) = (s.a * scale, s.j * scale);
+    let (v_end, a_end) = (v + t * (a + t * j / 2.0), a + t * j);
+    let reversed = v_end < v;
+    let shift = 64 - s.ticks.leading_zeros();
+    let unit = (1u64 << shift) as f64;
+    // Backwards in time from the end: the speed is the same, the acceleration's sign turns, the jerk's stays.
+    let (v, a) = if reversed { (v_end.max(0.0), -a_end) } else { (v, a) };
+    let c = [v * unit, a * unit * unit / 2.0, j * unit * unit * unit / 6.0];
+    let near = if reversed { end - (behind - 0.5) } else { near };
+    let far = near + f64::from(steps - 1);
+    let y = solve(c, if reversed { far } else { near }, t / unit);
+    let first = if reversed { t - y * unit } else { y * unit };
+    Some(Phase {
+        begin,
+        ticks: s.ticks,
+        steps,
+        up,
+        first: fixed(first.max(0.0)),
+        shape: Shape::Curved(Cubic {
+            ticks: s.ticks as u32,
+            shift,
+            reversed,
+            near: (near * 4_294_967_296.0) as i64,
+            c: c.map(|c| (c * 4_294_967_296.0) as i64),
+            f: c.map(|c| c as f32),
+        }),
+    })
+}
+
+fn fixed(ticks: f64) -> u64 {
+    (ticks * 4_294_967_296.0 + 0.5) as u64
+}
+
+/// y in 0..=end at which c₁y + c₂y² + c₃y³, which does not decrease there, reaches `target`: bisection in single precision, then
+/// Newton.
+fn solve(c: [f64; 3], target: f64, end: f64) -> f64 {
+    let [c1, c2, c3] = c;
+    let [f1, f2, f3] = c.map(|c| c as f32);
+    let (mut low, mut high) = (0.0f32, end as f32);
+    for _ in 0..20 {
+        let y = 0.5 * (low + high);
+        if y * (f1 + y * (f2 + y * f3)) < target as f32 { low = y } else { high = y }
+    }
+    let mut y = f64::from(high);
+    for _ in 0..6 {
+        let off = target - y * (c1 + y * (c2 + y * c3));
+        let slope = c1 + y * (2.0 * c2 + y * 3.0 * c3);
+        if slope <= 0.0 {
+            break;
+        }
+        let change = off / slope;
+        y = (y + change).clamp(0.0, end);
+        if change < end * 1e-11 && change > -end * 1e-11 {
+            break;
+        }
+    }
+    y
+}
