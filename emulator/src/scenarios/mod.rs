@@ -1,6 +1,7 @@
 //! What is tried on the emulated board, and what must come of it.
 
 mod hello;
+mod motion;
 
 use crate::Machine;
 use crate::figures::Figures;
@@ -23,6 +24,7 @@ pub struct Scenario {
 pub const ALL: &[Scenario] = &[
     Scenario { name: "serial", shows: "the board answers over USART3", play: hello::over_serial },
     Scenario { name: "usb", shows: "a computer enumerates the board and talks to its serial port", play: hello::over_usb },
+    Scenario { name: "edges", shows: "edges counted, distance asked and position told are one", play: motion::edges },
 ];
 
 /// Switches a board on and connects to it.
