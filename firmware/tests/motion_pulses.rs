@@ -17,7 +17,7 @@ fn play(n: f64, limits: Limits, both: bool) -> (Path, u64, Vec<(u64, bool)>) {
     for (i, s) in path.stretches().iter().enumerate() {
         let last = i + 1 == path.stretches().len();
         let behind = count(s.end * n, last);
-        if let Some(p) = phase(s, n, begin, before, behind, true) {
+        if let Some(p) = phase(s, n, 0.0, begin, before, behind, true) {
             assert!(bench.engine.append(0, &[p]));
         }
         before = behind;

@@ -3,6 +3,7 @@
 use super::phase::Phase;
 use super::record::{LONGEST, RING, Record};
 use super::ring::WAKE;
+use super::swing::{AMPLITUDE, Quarter};
 use super::track::{Pulse, Track};
 use parfocal_protocol::units::{AXES, BoardTime};
 
@@ -52,6 +53,8 @@ pub struct Gap {
 #[derive(Debug)]
 pub struct Engine {
     tracks: [Track; AXES],
+    /// Edges of the swing of the axis that vibrates.
+    quarter: Quarter,
     /// Tick reached.
     now: u64,
     /// Ticks the timeline is behind the board's clock.
@@ -79,6 +82,7 @@ impl Engine {
     pub const fn new() -> Self {
         Self {
             tracks: [const { Track::new() }; AXES],
+            quarter: [0; AMPLITUDE],
             now: 0,
             behind: 0,
             clock: 0,
@@ -132,7 +136,7 @@ impl Engine {
         let mut horizon = self.now + self.lead;
         let mut full = self.now + LEAD;
         for (axis, track) in self.tracks.iter_mut().enumerate() {
-            track.fill(horizon);
+            track.fill(horizon, &self.quarter);
             if track.ring.room() == 0 {
                 full = full.min(track.end);
                 horizon = horizon.min(full);
@@ -168,10 +172,10 @@ impl Engine {
         let stop = moving && stood > GAP;
         for track in &mut self.tracks {
             if stop {
-                track.forget();
+                track.abandon();
             }
             track.reopen(first);
-            track.fill(first + self.lead);
+            track.fill(first + self.lead, &self.quarter);
             track.close();
         }
         for axis in 0..AXES {
@@ -261,6 +265,11 @@ impl Engine {
     /// Cuts an axis' path at a tick not laid yet: `steps` edges remain of the phase there. False when more are laid.
     pub fn cut(&mut self, axis: usize, tick: u64, steps: u32) -> bool {
         self.tracks.get_mut(axis).is_some_and(|t| t.end <= tick && t.cut(tick, steps))
+    }
+
+    /// Edge times of the one vibration that goes on at a time.
+    pub fn quarter(&mut self) -> &mut Quarter {
+        &mut self.quarter
     }
 
     /// Phases of an axis, the oldest first.

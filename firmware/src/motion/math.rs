@@ -37,8 +37,25 @@ pub fn ceil_ticks(x: f64) -> u64 {
     if (whole as f64) < x { whole + 1 } else { whole }
 }
 
+/// acos(x) / 2π for x in 0..=1: turns from a cosine's top.
+pub fn acos_turn(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    // acos x = 2 atan √((1−x)/(1+x)); twice halved, the series takes ten terms.
+    let mut z = sqrt((1.0 - x) / (1.0 + x));
+    for _ in 0..2 {
+        z /= 1.0 + sqrt(1.0 + z * z);
+    }
+    let (square, mut sum) = (z * z, 0.0);
+    for n in (0..14u32).rev() {
+        let term = 1.0 / f64::from(2 * n + 1);
+        sum = if n % 2 == 0 { term } else { -term } + square * sum;
+    }
+    8.0 * z * sum / core::f64::consts::TAU
+}
+
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
     use proptest::prelude::*;
 
@@ -47,6 +64,11 @@ mod tests {
         fn roots_are_exact_to_the_last_bits(x in prop_oneof![1e-30f64..1e-10, 1e-6f64..1e6, 1e10f64..1e30]) {
             prop_assert!((sqrt(x) / x.sqrt() - 1.0).abs() < 4e-16);
             prop_assert!((cbrt(x) / x.cbrt() - 1.0).abs() < 1e-15);
+        }
+
+        #[test]
+        fn turns_are_exact(x in 0.0f64..1.0) {
+            prop_assert!((acos_turn(x) * std::f64::consts::TAU - x.acos()).abs() < 1e-14);
         }
 
         #[test]

@@ -37,7 +37,7 @@ pub struct Stretch {
 }
 
 /// Stretches of a path.
-pub const STRETCHES: usize = 10;
+pub const STRETCHES: usize = 7;
 
 /// Longest duration of a stretch that is not cruise, ticks: 25 s.
 const LONGEST_RAMP: u64 = (1 << 31) - 1;
@@ -153,7 +153,7 @@ impl Path {
 
     fn add(&mut self, stretch: Stretch) {
         if stretch.ticks > 0 {
-            // Ten stretches hold every path that is made here; one more would be a mistake that the total would show.
+            // Seven stretches hold every path that is made here; one more would be a mistake that the total would show.
             let _ = self.stretches.push(stretch);
         }
     }
@@ -189,23 +189,6 @@ impl Path {
         }
         State { p: self.length(), v: 0.0, a: 0.0 }
     }
-
-    /// Ends the path `ticks` after its beginning.
-    pub fn cut(&mut self, ticks: u64) {
-        let end = self.state(ticks).p;
-        let (mut left, mut keep) = (ticks, 0);
-        for s in &mut self.stretches {
-            if left == 0 {
-                break;
-            }
-            keep += 1;
-            if left < s.ticks {
-                (s.ticks, s.end) = (left, end);
-            }
-            left -= s.ticks;
-        }
-        self.stretches.truncate(keep);
-    }
 }
 
 /// Durations of jerk, constant acceleration and constant speed, ticks.
@@ -227,14 +210,14 @@ pub fn count(distance: f64, rests: bool) -> f64 {
     floor(distance + 0.5 - if rests { REST } else { 0.0 }).max(0.0)
 }
 
-/// One stretch as an axis plays it: `scale` steps per unit of the path, beginning at tick `begin`, the counts passed before and
-/// behind it. `None` when no edge lies in it.
-pub fn phase(s: &Stretch, scale: f64, begin: u64, before: f64, behind: f64, up: bool) -> Option<Phase> {
+/// One stretch as an axis plays it: `scale` steps per unit of the path, which starts `offset` steps off a count, beginning at
+/// tick `begin`, the counts passed before and behind it. `None` when no edge lies in it.
+pub fn phase(s: &Stretch, scale: f64, offset: f64, begin: u64, before: f64, behind: f64, up: bool) -> Option<Phase> {
     let steps = (behind - before) as u32;
     if steps == 0 {
         return None;
     }
-    let (start, end) = (s.p * scale, s.end * scale);
+    let (start, end) = (s.p * scale + offset, s.end * scale + offset);
     let near = before + 0.5 - start;
     let v = s.v * scale;
     if s.a == 0.0 && s.j == 0.0 {

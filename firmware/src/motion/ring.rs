@@ -58,6 +58,10 @@ impl Ring {
     /// Begins anew from slot 0, nothing laid yet, for a stream that is not running.
     pub fn clear(&mut self) {
         (self.head, self.gate, self.fetched) = (0, GUARD.wrapping_neg(), 0);
+        // What plays before record 0 has no edge.
+        for before in [RING - 2, RING - 1] {
+            self.slots[before] = Record::hold(1, false, 0);
+        }
     }
 
     /// How many more records can be laid.
@@ -180,6 +184,11 @@ impl Ring {
     /// Whether the timer stands still at the guard.
     pub fn blocked(&self) -> bool {
         self.fetched == self.gate.wrapping_add(2)
+    }
+
+    /// Forgets the records that wait behind the guard.
+    pub fn drop_waiting(&mut self) {
+        self.head = self.gate;
     }
 
     /// A blocked timer: puts `wait` ticks of silence before the records that wait, behind the old guard, so that one software

@@ -3,6 +3,7 @@
 use super::phase::{Phase, Place, Span};
 use super::record::{LONGEST, RING, Record, SHORTEST};
 use super::ring::Ring;
+use super::swing::Quarter;
 use heapless::Deque;
 
 /// Phases an axis holds, those over and those to come.
@@ -68,7 +69,7 @@ impl Track {
             phases: Deque::new(),
             done: 0,
             place: None,
-            span: Span { left: 0, time: 0, by: [0; 3] },
+            span: Span { left: 0, time: 0, by: [0; 3], up: false },
             ahead: [None; 2],
             open: false,
             high: false,
@@ -158,6 +159,18 @@ impl Track {
         self.ring.reopen(wait + LONGEST, shown.starts_high(), shown.ccr2);
     }
 
+    /// The timer stands at the guard: what waits behind it is not played any more.
+    pub fn abandon(&mut self) {
+        let (steps, tick) = self.played(None);
+        let shown = self.ring.shown(self.ring.playing());
+        self.forget();
+        self.ring.drop_waiting();
+        (self.issued, self.end, self.open) = (steps, tick, false);
+        (self.high, self.dir) = (shown.starts_high(), shown.ccr2);
+        self.dir_up = (self.dir != 0) != self.pulse.inverted;
+        self.last_edge = self.ring.playing().wrapping_sub(1);
+    }
+
     /// Puts the guard behind what is laid, for a timer that stands or a stream that is not running.
     pub fn close(&mut self) {
         self.ring.prepare(self.high, self.dir);
@@ -171,7 +184,8 @@ impl Track {
         self.end = tick;
         self.open = false;
         self.forget();
-        self.last_edge = self.ring.playing().wrapping_sub(1);
+        self.ring.clear();
+        self.last_edge = 8u32.wrapping_neg();
     }
 
     /// STEP's level while the timer stands at the guard.
@@ -240,7 +254,11 @@ impl Track {
     /// Cuts the path: of the phase that spans `tick`, `steps` remain, of later ones nothing. False, and nothing changed, when
     /// more than that is laid already.
     pub fn cut(&mut self, tick: u64, steps: u32) -> bool {
-        let Some(at) = self.phases.iter().position(|p| p.begin + p.ticks > tick) else { return true };
+        let Some((at, phase)) = self.phases.iter().enumerate().find(|(_, p)| p.begin.saturating_add(p.ticks) > tick)
+        else {
+            return true;
+        };
+        let steps = if phase.begin >= tick { 0 } else { steps };
         if !self.rewind(at, steps) {
             return false;
         }
@@ -283,10 +301,15 @@ impl Track {
     }
 
     /// Lays records until they reach `horizon` or there is no room.
-    pub fn fill(&mut self, horizon: u64) {
+    pub fn fill(&mut self, horizon: u64, table: &Quarter) {
         let mut room = self.ring.room();
         while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
-            if self.open && self.ahead[0].is_none() && self.span.left > 1 && self.ring.past_guard() {
+            if self.open
+                && self.span.left > 1
+                && self.span.up == self.dir_up
+                && self.ahead[0].is_none()
+                && self.ring.past_guard()
+            {
                 let ran = if self.pulse.both {
                     if self.high { 0 } else { self.run_both(horizon, room) }
                 } else {
@@ -297,7 +320,7 @@ impl Track {
                     continue;
                 }
             }
-            room -= self.lay_next().min(room);
+            room -= self.lay_next(table).min(room);
         }
     }
 
@@ -327,7 +350,7 @@ impl Track {
             d2 = d2.wrapping_add(d3);
             n += 1;
         }
-        self.ran(n, n, Span { left: self.span.left - n, time, by: [d1, d2, d3] }, open);
+        self.ran(n, n, Span { left: self.span.left - n, time, by: [d1, d2, d3], up: self.span.up }, open);
         n
     }
 
@@ -360,7 +383,7 @@ impl Track {
             d2 = e2.wrapping_add(d3);
             n += 1;
         }
-        self.ran(n, 2 * n, Span { left: self.span.left - 2 * n, time, by: [d1, d2, d3] }, open);
+        self.ran(n, 2 * n, Span { left: self.span.left - 2 * n, time, by: [d1, d2, d3], up: self.span.up }, open);
         n
     }
 
@@ -382,8 +405,8 @@ impl Track {
     }
 
     /// Lays the next record or two, however far the next edge is.
-    fn lay_next(&mut self) -> u32 {
-        let Some(edge) = self.peek(0) else {
+    fn lay_next(&mut self, table: &Quarter) -> u32 {
+        let Some(edge) = self.peek(0, table) else {
             // Nothing to do: silence, or the end of the last pulse.
             self.piece(LONGEST);
             return 1;
@@ -410,7 +433,7 @@ impl Track {
         }
         if self.open && self.pulse.both && !self.high {
             let second =
-                self.peek(1).filter(|e| e.up == edge.up && e.tick.wrapping_sub(self.end) <= u64::from(LONGEST));
+                self.peek(1, table).filter(|e| e.up == edge.up && e.tick.wrapping_sub(self.end) <= u64::from(LONGEST));
             if let Some(second) = second {
                 self.take();
                 self.take();
@@ -463,10 +486,10 @@ impl Track {
     }
 
     /// The next edge, or the one after it.
-    fn peek(&mut self, which: usize) -> Option<Edge> {
+    fn peek(&mut self, which: usize, table: &Quarter) -> Option<Edge> {
         for i in 0..=which {
             if self.ahead.get(i)?.is_none() {
-                let edge = self.generate();
+                let edge = self.generate(table);
                 *self.ahead.get_mut(i)? = edge;
                 edge?;
             }
@@ -478,7 +501,7 @@ impl Track {
         self.ahead = [self.ahead[1], None];
     }
 
-    fn generate(&mut self) -> Option<Edge> {
+    fn generate(&mut self, table: &Quarter) -> Option<Edge> {
         while self.span.left == 0 {
             let (a, b) = self.phases.as_slices();
             let phase = a.get(self.done).or_else(|| b.get(self.done.wrapping_sub(a.len())))?;
@@ -488,7 +511,7 @@ impl Track {
                 self.done += 1;
                 continue;
             }
-            self.span = phase.span(&mut place);
+            self.span = phase.span(&mut place, table);
             self.place = Some(place);
         }
         let after = ((self.span.time >> 32) as u32).wrapping_sub(self.end as u32) as i32;
@@ -497,7 +520,6 @@ impl Track {
         self.span.time = self.span.time.wrapping_add_signed(d1);
         self.span.by = [d1.wrapping_add(d2), d2.wrapping_add(d3), d3];
         self.span.left -= 1;
-        let up = self.phases.iter().nth(self.done).is_some_and(|p| p.up);
-        Some(Edge { tick, up })
+        Some(Edge { tick, up: self.span.up })
     }
 }

@@ -3,6 +3,8 @@
 
 use parfocal_firmware::motion::engine::{Engine, SERVICE, StepTimers};
 use parfocal_firmware::motion::playback::{Change, Playback};
+use parfocal_firmware::motion::{Motion, MotionEvent};
+use parfocal_firmware::ports::{Board, Inputs, Keep};
 use parfocal_protocol::units::{AXES, BoardTime};
 
 /// The engine with its timers.
@@ -52,3 +54,84 @@ impl Bench {
 }
 
 pub const ALL: [bool; AXES] = [true; AXES];
+
+/// A board with a clock that tests turn.
+pub struct Mock {
+    pub bench: Bench,
+    pub inputs: Inputs,
+    pub enabled: [bool; AXES],
+    pub on: bool,
+    /// Changes of earlier playbacks are kept; this is where the present one began, ticks.
+    pub began: u64,
+}
+
+impl Mock {
+    pub fn new() -> Self {
+        Self { bench: Bench::new(), inputs: Inputs::default(), enabled: [false; AXES], on: true, began: 0 }
+    }
+
+    pub fn now(&self) -> BoardTime {
+        BoardTime((self.began + self.bench.timers.tick()) / 84)
+    }
+
+    /// Polls every millisecond for `ms`, or until `until` says so; the events.
+    pub fn run(
+        &mut self,
+        motion: &mut Motion,
+        ms: u64,
+        mut until: impl FnMut(&MotionEvent) -> bool,
+    ) -> Vec<MotionEvent> {
+        let mut events = Vec::new();
+        for _ in 0..ms {
+            while let Some(event) = motion.poll(self.now(), self) {
+                events.push(event);
+                if until(&event) {
+                    return events;
+                }
+            }
+            self.bench.run(84_000);
+        }
+        events
+    }
+
+    /// Steps seen at the pins of an axis.
+    pub fn seen(&self, axis: usize, both: bool, inverted: bool) -> i32 {
+        self.bench.steps(axis, both).iter().map(|(_, dir)| if *dir != inverted { 1 } else { -1 }).sum()
+    }
+}
+
+impl Board for Mock {
+    fn pulses<R>(&mut self, f: impl FnOnce(&mut Engine) -> R) -> R {
+        f(&mut self.bench.engine)
+    }
+
+    fn inputs(&mut self) -> Inputs {
+        self.inputs
+    }
+
+    fn enable(&mut self, axis: usize, on: bool) {
+        self.enabled[axis] = on;
+    }
+
+    fn outputs_off(&mut self) {
+        self.on = false;
+        for axis in 0..AXES {
+            let (left, count) = (self.bench.timers.left(axis), self.bench.timers.count(axis));
+            self.bench.engine.halted(axis, left, count);
+        }
+    }
+
+    fn outputs_on(&mut self) {
+        self.on = true;
+        self.began += self.bench.timers.tick();
+        let now = BoardTime(self.began / 84);
+        self.bench.engine.start(now, 0);
+        self.bench.timers = Playback::new(&self.bench.engine);
+    }
+
+    fn keep(&mut self, _: Keep) -> bool {
+        true
+    }
+
+    fn enter_bootloader(&mut self) {}
+}
