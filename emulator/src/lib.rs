@@ -15,13 +15,16 @@
 //! [rigless]: https://docs.rs/rigless
 
 pub mod chip;
+pub mod exact;
 pub mod figures;
 pub mod flash;
 pub mod machine;
+pub mod planned;
 pub mod program;
 pub mod random;
 pub mod scenarios;
 pub mod serial;
+pub mod service;
 pub mod talk;
 pub mod trace;
 pub mod usb;

@@ -32,12 +32,14 @@ pub struct Talk {
     decoder: Decoder,
     /// Events not yet asked for, oldest first.
     pub events: VecDeque<Event>,
+    /// Frames that came in damaged: on these links none ever should.
+    pub damaged: u32,
 }
 
 impl Talk {
     /// A session with a number of its own.
     pub fn new(link: Link, session: u32) -> Self {
-        Self { link, session: Session(session), sequence: 0, decoder: Decoder::new(), events: VecDeque::new() }
+        Self { link, session: Session(session), sequence: 0, decoder: Decoder::new(), events: VecDeque::new(), damaged: 0 }
     }
 
     /// Says hello, asking for control.
@@ -83,7 +85,7 @@ impl Talk {
                 return Ok(result);
             }
         }
-        bail!("{request:?} was not answered over {:?} within {PATIENCE:?}", self.link)
+        bail!("{request:?} was not answered over {:?} within {PATIENCE:?} ({} frames damaged)", self.link, self.damaged)
     }
 
     /// Sends a request without waiting.
@@ -114,7 +116,8 @@ impl Talk {
                 {
                     answer = Some(result);
                 }
-                _ => {}
+                Some(Err(_)) => self.damaged += 1,
+                Some(Ok(_)) | None => {}
             }
         }
         answer

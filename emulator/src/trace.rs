@@ -55,9 +55,9 @@ impl Trace {
     }
 
     /// Forgets all edges: what follows is another experiment.
-    pub fn clear(&mut self) {
+    pub fn clear_edges(&mut self) {
         self.step.clear();
-        self.dir.retain(|_| false);
+        self.dir.clear();
         self.updates.clear();
     }
 }

@@ -8,7 +8,8 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DCB, DWT, SYST};
 use cortex_m_rt::exception;
 use critical_section::Mutex;
-use parfocal_firmware::motion::{CLOCK_PER_TICK, Engine, SERVICE, StepTimers};
+use parfocal_firmware::motion::engine::CLOCK_PER_TICK;
+use parfocal_firmware::motion::{Engine, SERVICE, StepTimers};
 use parfocal_protocol::units::{AXES, TICKS_PER_SECOND};
 use static_cell::StaticCell;
 
