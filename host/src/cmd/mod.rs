@@ -33,7 +33,7 @@ pub enum Command {
     Calibrate(Box<calibrate::Calibrate>),
     Focus(focus::Focus),
     Simulate(simulate::Arguments),
-    Tip(tip::Tip),
+    Tip(tip::Arguments),
 }
 
 /// Runs one command.
@@ -53,7 +53,7 @@ pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
         Command::Calibrate(a) => calibrate::run(*a, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Simulate(a) => a.run(out),
-        Command::Tip(a) => tip::run(a, out),
+        Command::Tip(a) => a.run(out),
     }
 }
 
