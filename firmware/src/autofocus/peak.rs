@@ -15,6 +15,9 @@ const WINDOWS: [i32; 12] = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 88];
 /// Standard errors taken off a peak's height, because the highest of many was picked.
 const CAUTION: f64 = 3.0;
 
+/// Standard deviations of one frame below the best at which a maximum is not worth a fit.
+const HOPELESS: f64 = 3.0;
+
 /// Standard deviations of χ² above its mean at which a window is contradicted.
 const MISFIT: f64 = 2.5;
 
@@ -44,9 +47,11 @@ pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
     if curve.noise().is_silent() {
         return places.filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
     }
+    let (_, best) = curve.best()?;
+    let least = best - HOPELESS * curve.noise().relative() * magnitude(best);
     let bound = |p: &Peak| p.value - CAUTION * p.error;
     places
-        .filter(|p| is_local_maximum(curve, *p))
+        .filter(|p| curve.smooth(*p).is_some_and(|v| v > least) && is_local_maximum(curve, *p))
         .filter_map(|p| widen(curve, p))
         .reduce(|a, b| if bound(&b) > bound(&a) { b } else { a })
 }
