@@ -69,9 +69,10 @@ pub fn smooth_peak(curve: &Curve, model: &Model, vertex: f64) -> Option<Fit> {
         square += weight * y * y;
         places += 1.0;
     }
-    for i in 0..terms {
-        for j in 0..i {
-            normal[i][j] = normal[j][i];
+    let upper = normal;
+    for (i, row) in normal.iter_mut().enumerate().take(terms) {
+        for (j, value) in row.iter_mut().enumerate().take(i) {
+            *value = upper[j][i];
         }
     }
     let lopsided = terms > 3;

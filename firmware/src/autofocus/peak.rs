@@ -18,6 +18,9 @@ const CAUTION: f64 = 3.0;
 /// Standard deviations of one frame below the best at which a maximum is not worth a fit.
 const HOPELESS: f64 = 3.0;
 
+/// What of the curve's height the smoothing may take off a narrow top.
+const SMOOTHED: f64 = 0.1;
+
 /// Standard deviations of χ² above its mean at which a window is contradicted.
 const MISFIT: f64 = 2.5;
 
@@ -48,7 +51,8 @@ pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
         return places.filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
     }
     let (_, best) = curve.best()?;
-    let least = best - HOPELESS * curve.noise().relative() * magnitude(best);
+    // A narrow top loses up to a fifth of itself to the smoothing, and more to lying between two samples.
+    let least = best - HOPELESS * curve.noise().relative() * magnitude(best) - SMOOTHED * (best - curve.floor());
     let bound = |p: &Peak| p.value - CAUTION * p.error;
     places
         .filter(|p| curve.smooth(*p).is_some_and(|v| v > least) && is_local_maximum(curve, *p))
