@@ -1,5 +1,7 @@
 //! A stretch of one axis' motion over which its steps follow one cubic in time, or come evenly.
 
+use super::swing::Quarter;
+
 /// A stretch in one direction. Distances are steps along that direction, times are ticks from `begin`.
 ///
 /// The edge of step `k` comes where the exact path passes `k − ½`: the counted position is the one nearest to the path.
@@ -29,6 +31,13 @@ pub enum Shape {
     },
     /// Constant jerk.
     Curved(Cubic),
+    /// A cosine from its turning point, quarter after quarter; the first two go one way, the next two the other.
+    Swing {
+        /// Steps from the middle to a turning point, at most [`AMPLITUDE`](super::swing::AMPLITUDE).
+        amplitude: u32,
+        /// Ticks · 2³² of a quarter.
+        quarter: u64,
+    },
 }
 
 /// Distance as a cubic in y = time / 2^shift: c₁y + c₂y² + c₃y³, coefficients in steps · 2³². `reversed` counts distance and
@@ -144,6 +153,8 @@ pub struct Span {
     pub time: u64,
     /// Its differences.
     pub by: [i64; 3],
+    /// Towards larger counts.
+    pub up: bool,
 }
 
 /// Where the generator stands in a phase: the next edge, and its exact time.
@@ -186,11 +197,15 @@ impl Phase {
                 let (time, slope) = cubic.solve(index, self.steps, guess);
                 Place { index, time, begin: self.begin, slope: Some(slope) }
             }
+            Shape::Swing { amplitude, quarter } => {
+                let past = u128::from(*quarter) * u128::from(index.saturating_sub(1) / (*amplitude).max(1));
+                Place { index, time: past as u32 as u64, begin: self.begin + (past >> 32) as u64, slope: None }
+            }
         }
     }
 
     /// The next edges, and the place after them. There must be at least one left.
-    pub fn span(&self, place: &mut Place) -> Span {
+    pub fn span(&self, place: &mut Place, table: &Quarter) -> Span {
         let left = self.steps.saturating_sub(place.index);
         match &self.shape {
             Shape::Even { interval } => {
@@ -201,14 +216,33 @@ impl Phase {
                     .min(1 << 16)
                     .min((u64::from(u32::MAX) << 31).checked_div(*interval).unwrap_or(1) as u32)
                     .max(1);
-                let span = Span { left: n, time: stamp(place), by: [*interval as i64, 0, 0] };
+                let span = Span { left: n, time: stamp(place), by: [*interval as i64, 0, 0], up: self.up };
                 place.index = place.index.wrapping_add(n);
                 place.time = place.time.wrapping_add(interval.wrapping_mul(u64::from(n)));
                 span
             }
-            Shape::Curved(cubic) => curved(cubic, self.steps, left, place),
+            Shape::Swing { amplitude, quarter } => swing(*amplitude, *quarter, self.up, place, table),
+            Shape::Curved(cubic) => curved(cubic, self.steps, left, self.up, place),
         }
     }
+}
+
+/// One edge of a swing. `place.time` is where the quarter of the edge before begins.
+fn swing(amplitude: u32, quarter: u64, up: bool, place: &mut Place, table: &Quarter) -> Span {
+    let (quarters, edge) = (place.index / amplitude.max(1), place.index % amplitude.max(1));
+    if edge == 0 && place.index > 0 {
+        place.time += quarter;
+        place.begin += place.time >> 32;
+        place.time &= 0xffff_ffff;
+    }
+    let from_turn = |edge: u32| table.get(edge as usize).map_or(0, |t| u64::from(*t) << 28);
+    let time = if quarters % 2 == 0 {
+        from_turn(edge)
+    } else {
+        quarter.saturating_sub(from_turn(amplitude.wrapping_sub(1).wrapping_sub(edge)))
+    };
+    place.index = place.index.wrapping_add(1);
+    Span { left: 1, time: stamp(place).wrapping_add(time), by: [0; 3], up: up ^ (quarters / 2 % 2 == 1) }
 }
 
 /// The tick of the timeline, modulo 2³², and its fraction plus a half.
@@ -217,9 +251,9 @@ fn stamp(place: &Place) -> u64 {
     (place.begin << 32).wrapping_add(place.time).wrapping_add(1 << 31)
 }
 
-fn curved(cubic: &Cubic, steps: u32, left: u32, place: &mut Place) -> Span {
+fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> Span {
     if left < 2 {
-        let span = Span { left: 1, time: stamp(place), by: [0; 3] };
+        let span = Span { left: 1, time: stamp(place), by: [0; 3], up };
         place.index = place.index.wrapping_add(1);
         return span;
     }
@@ -255,13 +289,13 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, place: &mut Place) -> Span {
     let time = time.max(place.time);
     let mean = (time - place.time) >> q;
     let span = if q == 0 {
-        Span { left: 1, time: start, by: [mean as i64, 0, 0] }
+        Span { left: 1, time: start, by: [mean as i64, 0, 0], up }
     } else {
         let mean_ticks = mean as f32 * power(-32);
         let (e0, e1) = (per_step - mean_ticks, there.m * scale - mean_ticks);
         let c = fixed(-(2.0 * e0 + e1) / steps_on);
         let d = fixed((e0 + e1) / (steps_on * steps_on));
-        Span { left: n, time: start, by: [mean as i64 + fixed(e0) + c + d, 2 * c + 6 * d, 6 * d] }
+        Span { left: n, time: start, by: [mean as i64 + fixed(e0) + c + d, 2 * c + 6 * d, 6 * d], up }
     };
     *place = Place { index: place.index.wrapping_add(n), time, begin: place.begin, slope: Some(there) };
     span

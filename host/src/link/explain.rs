@@ -93,6 +93,7 @@ pub fn field_name(field: Field) -> &'static str {
         Field::Frequency => "the frequency (Hz)",
         Field::Cycles => "the number of cycles",
         Field::Trigger => "the trigger plan",
+        Field::Microsteps => "microsteps",
     }
 }
 
