@@ -211,7 +211,8 @@ impl Piece {
         let mut cost = (0.0, (0.0, 0.0));
         let mut normal = Matrix3::zeros();
         for _ in 0..6 {
-            let mut gradient = Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
+            let mut gradient =
+                Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
             normal = Matrix3::from_diagonal(&(Vector3::new(prior, prior, 1e-9) * 255.0 * 255.0));
             cost = (0.0, (0.0, 0.0));
             for &(d, value) in &pixels {

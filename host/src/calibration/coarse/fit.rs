@@ -9,7 +9,9 @@ use super::camera::{Side, StereoCamera};
 use super::edges::{Border, Edge, Grey, Tone, borders, measure};
 use super::levels::Levels;
 use super::marker::Cells;
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
+};
 
 /// A marker to be measured: its squares, borders and size.
 #[derive(Clone, Debug)]
@@ -199,7 +201,8 @@ fn adjust(seen: &[Seen], camera: &StereoCamera, pose: &Isometry3<f64>, noise: f6
             normal[(k, k)] += 1e-9;
         }
         by = normal.clone().cholesky()?.solve(&gradient);
-        let mut far: Vec<f64> = rows.iter().map(|(row, offset, w, _)| (offset - row.dot(&by)).abs() * w.sqrt()).collect();
+        let mut far: Vec<f64> =
+            rows.iter().map(|(row, offset, w, _)| (offset - row.dot(&by)).abs() * w.sqrt()).collect();
         far.sort_by(f64::total_cmp);
         scale = (1.4826 * far[far.len() / 2]).max(1.0);
     }

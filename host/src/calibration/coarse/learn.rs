@@ -68,7 +68,9 @@ pub enum LearnError {
     #[error("a click names place {0}, from which no markers were placed: give the number K of its place_K_left.png")]
     UnknownPlace(super::Place),
     /// Two clicks that are not the same point.
-    #[error("place {place}: the clicks left and right are {px:.1} px from showing one point: click the same point in both pictures")]
+    #[error(
+        "place {place}: the clicks left and right are {px:.1} px from showing one point: click the same point in both pictures"
+    )]
     ClicksApart {
         /// Which place.
         place: super::Place,
@@ -82,7 +84,9 @@ pub enum LearnError {
         mm: f64,
     },
     /// Moves that do not span space.
-    #[error("marker {marker}: the joints' positions do not determine the axes: photograph the rest and a move of each of the three joints, 5 mm or more")]
+    #[error(
+        "marker {marker}: the joints' positions do not determine the axes: photograph the rest and a move of each of the three joints, 5 mm or more"
+    )]
     Moves {
         /// On which manipulator.
         marker: MarkerId,
@@ -96,7 +100,9 @@ pub enum LearnError {
         set: String,
     },
     /// The marker does not move as the joints do.
-    #[error("marker {marker}: its moves are off a straight path by {mm:.2} mm: are the joints' positions those of the pictures, in µm?")]
+    #[error(
+        "marker {marker}: its moves are off a straight path by {mm:.2} mm: are the joints' positions those of the pictures, in µm?"
+    )]
     NotLinear {
         /// Which.
         marker: MarkerId,
@@ -110,7 +116,9 @@ pub enum LearnError {
         mm: f64,
     },
     /// Too few points to link substrate and ref.
-    #[error("the sets do not determine how substrate and ref lie to each other: give moves of at least two joints, and one click on a tip")]
+    #[error(
+        "the sets do not determine how substrate and ref lie to each other: give moves of at least two joints, and one click on a tip"
+    )]
     Link,
     /// No clicks.
     #[error("no clicks were given for marker {marker}: click on the tip in both pictures of a place")]

@@ -137,7 +137,13 @@ impl Rig {
 }
 
 fn lens(lens: &Lens) -> stereo::Lens {
-    stereo::Lens { fx: lens.fx, fy: lens.fy, cx: lens.cx, cy: lens.cy, distortion: [lens.k1, lens.k2, lens.p1, lens.p2] }
+    stereo::Lens {
+        fx: lens.fx,
+        fy: lens.fy,
+        cx: lens.cx,
+        cy: lens.cy,
+        distortion: [lens.k1, lens.k2, lens.p1, lens.p2],
+    }
 }
 
 fn plain(pose: &Isometry3<f64>) -> Pose {
