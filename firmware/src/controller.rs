@@ -161,7 +161,7 @@ impl<B: Board> Controller<B> {
             Request::SetPosition { axis, at } => motion.set_position(board, axis, at).map(done),
             Request::Enable { axis, on } => motion.enable(board, axis, on).map(done),
             Request::ClearEmergency => motion.clear_emergency(now, board).map(done),
-            Request::Trigger { .. } => Err(Refusal::Unsupported),
+            Request::Trigger { plan } => motion.trigger(board, &plan).map(done),
             Request::AutofocusStart(parameters) => {
                 existing(parameters.axis)?;
                 self.parking.leave(board);
@@ -281,6 +281,7 @@ impl<B: Board> Controller<B> {
                 self.focusing.stopped(cause);
                 Event::Stopped { motion, cause }
             }
+            MotionEvent::Triggered { index, time, position } => Event::Triggered { index, time, position },
             MotionEvent::EmergencyInput { pressed } => {
                 if pressed {
                     self.last_stop = Some(StopCause::Emergency);
