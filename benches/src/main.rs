@@ -2,6 +2,7 @@
 //! One file a bench.
 
 mod autofocus;
+mod ransac;
 
 use clap::{Parser, Subcommand};
 
@@ -17,10 +18,13 @@ struct Arguments {
 enum Bench {
     /// Scans for focus on generated curves.
     Autofocus(autofocus::Arguments),
+    /// Robust registration of points of which some are wrong
+    Ransac(ransac::Arguments),
 }
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().bench {
         Bench::Autofocus(arguments) => autofocus::run(&arguments),
+        Bench::Ransac(arguments) => ransac::run(&arguments),
     }
 }

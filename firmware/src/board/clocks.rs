@@ -50,11 +50,11 @@ pub fn priorities() {
 /// A halted core halts the step timers and the watchdog with it (RM0090 sections 38.16.4 and 38.16.5): a breakpoint must
 /// not leave the DMA to play the ring again and again.
 pub fn freeze_in_debug() {
-    pac::DBGMCU.apb1fz().modify(|w| {
+    pac::DBGMCU.apb1fzr().modify(|w| {
         w.set_tim2(true);
         w.set_tim3(true);
         w.set_tim4(true);
-        w.set_tim5(true);
         w.set_iwdg(true);
     });
+    pac::DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
 }

@@ -22,9 +22,16 @@ impl Bytes {
     /// Queues a frame, or drops it whole when the host does not take what waits: a reply is asked for again, and a
     /// gap in the events' numbers says that one was lost.
     pub fn send(&self, frame: &[u8]) {
-        if self.to_send.free_capacity() >= frame.len() {
-            // There is room, and nobody else writes: the whole frame fits.
-            let _ = self.to_send.try_write(frame);
+        if self.to_send.free_capacity() < frame.len() {
+            return;
+        }
+        // There is room, and nobody else writes; but a pipe takes only as much at a time as lies before its end.
+        let mut left = frame;
+        while let Ok(n) = self.to_send.try_write(left) {
+            left = &left[n..];
+            if left.is_empty() {
+                return;
+            }
         }
     }
 }

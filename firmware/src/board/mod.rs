@@ -17,6 +17,8 @@ mod timers;
 pub mod usb;
 pub mod watchdog;
 
+// The log goes to the debugger through RTT.
+use defmt_rtt as _;
 pub use nucleo::run;
 
 use embassy_stm32::gpio::Output;

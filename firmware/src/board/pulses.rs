@@ -8,7 +8,8 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DCB, DWT, SYST};
 use cortex_m_rt::exception;
 use critical_section::Mutex;
-use parfocal_firmware::motion::{CLOCK_PER_TICK, Engine, SERVICE, StepTimers};
+use parfocal_firmware::motion::engine::CLOCK_PER_TICK;
+use parfocal_firmware::motion::{Engine, SERVICE, StepTimers};
 use parfocal_protocol::units::{AXES, TICKS_PER_SECOND};
 use static_cell::StaticCell;
 
@@ -29,7 +30,7 @@ pub fn start(hardware: StepHardware, mut systick: SYST, mut dcb: DCB, mut dwt: D
     dwt.enable_cycle_counter();
     let engine = ENGINE.init_with(Engine::new);
     critical_section::with(|cs| {
-        PULSES.borrow_ref_mut(cs).replace(Pulses { engine, hardware }).map_or((), |_| ());
+        *PULSES.borrow_ref_mut(cs) = Some(Pulses { engine, hardware });
     });
     restart();
     systick.set_clock_source(SystClkSource::Core);

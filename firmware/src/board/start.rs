@@ -37,7 +37,7 @@ pub fn cause() -> ResetCause {
 fn bootloader() -> ! {
     pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     // The bootloader expects its own memory at address 0 (RM0090 section 9.2.1).
-    pac::SYSCFG.memrmp().modify(|w| w.set_mem_mode(pac::syscfg::vals::MemMode::SYSTEM_FLASH));
+    pac::SYSCFG.memrm().modify(|w| w.set_mem_mode(1));
     // SAFETY: system memory begins with the bootloader's vector table, burnt in by ST.
     unsafe { cortex_m::asm::bootload(SYSTEM_MEMORY) }
 }

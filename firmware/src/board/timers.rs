@@ -33,7 +33,7 @@ const WORDS: usize = size_of::<Record>() / 4;
 const _: () = assert!(WORDS == 4 && align_of::<Record>() == 16, "a record is one aligned burst");
 
 /// Length of the first period, ticks: the records begin after it.
-const FIRST: u16 = 84;
+const FIRST: u16 = 168;
 
 /// One axis' timer and stream.
 #[derive(Clone, Copy)]

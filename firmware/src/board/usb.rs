@@ -5,9 +5,9 @@ use super::links::{ARRIVED, USB};
 use super::watchdog::{LAP, Part, check_in};
 use embassy_executor::Spawner;
 use embassy_futures::join::join;
-use embassy_stm32::Peri;
 use embassy_stm32::peripherals::{PA11, PA12, USB_OTG_FS};
 use embassy_stm32::usb::Driver;
+use embassy_stm32::{Peri, pac};
 use embassy_time::{Duration, Timer, with_timeout};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, Receiver, Sender, State};
 use embassy_usb::{Builder, UsbDevice};
@@ -58,8 +58,16 @@ pub fn start(spawner: Spawner, port: Port) {
     config.serial_number = Some(embassy_stm32::uid::uid_hex());
     config.self_powered = true;
     config.max_power = 0;
-    let mut builder =
-        Builder::new(driver, config, CONFIGURATION.init([0; 128]), BOS.init([0; 64]), &mut [], CONTROL.init([0; 64]));
+    let mut builder = Builder::new(
+        driver,
+        config,
+        CONFIGURATION.init([0; 128]),
+        BOS.init([0; 64]),
+        &mut [],
+        CONTROL.init([0; 64]),
+    );
+    // The endpoints look at their registers before the device has switched the controller's clock on, whoever runs first.
+    pac::RCC.ahb2enr().modify(|w| w.set_usb_otg_fsen(true));
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), ENDPOINT);
     spawner.spawn(device(builder.build()).expect("spawned once"));
     spawner.spawn(run(class).expect("spawned once"));

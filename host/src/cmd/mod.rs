@@ -1,6 +1,8 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
 mod autofocus;
+mod calibrate;
+mod coarse;
 mod connection;
 mod focus;
 mod info;
@@ -13,6 +15,7 @@ mod simulate;
 mod simulated;
 mod status;
 mod stop;
+mod tip;
 
 use clap::Subcommand;
 
@@ -27,8 +30,10 @@ pub enum Command {
     Stop(stop::Arguments),
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
+    Calibrate(Box<calibrate::Calibrate>),
     Focus(focus::Focus),
     Simulate(simulate::Arguments),
+    Tip(tip::Arguments),
 }
 
 /// Runs one command.
@@ -45,8 +50,10 @@ pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
         Command::Stop(a) => a.run(out),
         Command::Settings(a) => a.run(out),
         Command::Autofocus(a) => a.run(out),
+        Command::Calibrate(a) => calibrate::run(*a, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Simulate(a) => a.run(out),
+        Command::Tip(a) => a.run(out),
     }
 }
 

@@ -86,7 +86,7 @@ struct Seen {
 }
 
 /// What one picture's edges are worth below which it is left out: share of pieces measured and kept, likeness to the pattern.
-const LEAST_SHARE: f64 = 0.35;
+const LEAST_SHARE: f64 = 0.3;
 const LEAST_LIKENESS: f64 = 0.6;
 /// What no model of an edge is better than, px.
 const FLOOR_PX: f64 = 0.015;
@@ -103,7 +103,7 @@ pub fn refine(
     gamma: f64,
 ) -> Option<Fit> {
     let mut pose = *start;
-    let mut blur = [1.5; 2];
+    let mut blur = [1.1; 2];
     let mut result = None;
     let mut pictures = pictures;
     for round in 0..ROUNDS {
@@ -140,7 +140,11 @@ pub fn refine(
         }
         pose = nudge(&pose, &step.by);
         let sides = seen.iter().map(|s| s.side).collect();
+        let still = step.by.fixed_rows::<3>(0).amax() < 5e-4 && step.by.fixed_rows::<3>(3).amax() < 2e-5;
         result = Some(Fit { pose, information: step.information, sides, rms_px: step.rms_px, blur_px: blur, noise });
+        if still && round >= 3 {
+            break;
+        }
     }
     result.filter(|fit| fit.sides.iter().all(|s| pictures[*s as usize].is_some()))
 }

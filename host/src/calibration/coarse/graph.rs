@@ -14,8 +14,6 @@ use super::{Degrees, MarkerId, Millimetres, Place};
 use nalgebra::{Isometry3, Matrix6};
 use std::collections::{BTreeMap, BTreeSet};
 
-pub(super) use adjust::Solution;
-
 /// A marker's pose seen from a place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {

@@ -7,6 +7,7 @@
 pub mod fine;
 pub mod moves;
 mod place;
+mod plain;
 
 pub use place::{Coarse, Joints, NeedsObjective, Now, place};
 
@@ -20,12 +21,16 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ManipulatorMarker {
     /// How the tip moves with the joints, one joint a column: mm per mm.
+    #[serde(with = "plain::matrix")]
     pub axes: Matrix3<f64>,
     /// The tip at `joints_um`, mm.
+    #[serde(with = "plain::point")]
     pub tip_mm: Option<Point3<f64>>,
     /// The joints' positions at which `tip_mm` and the marker were seen together, µm.
+    #[serde(with = "plain::vector")]
     pub joints_um: Vector3<f64>,
     /// The pipette's direction, from its holder to its tip, of length 1.
+    #[serde(with = "plain::direction")]
     pub pipette: Option<Vector3<f64>>,
     /// Whether the marker moves with the tip, or sticks to the base.
     pub rides: bool,
@@ -35,6 +40,7 @@ pub struct ManipulatorMarker {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectiveMarker {
     /// The frame mic, origin at the focal point, in the marker's frame; mm.
+    #[serde(with = "plain::pose")]
     pub mic: Isometry3<f64>,
 }
 
@@ -46,6 +52,7 @@ pub struct Learned {
     /// Markers on the objective.
     pub objectives: BTreeMap<MarkerId, ObjectiveMarker>,
     /// Substrate marker to ref, mm, valid while the substrate stays where it is.
+    #[serde(with = "plain::maybe_pose")]
     pub substrate: Option<Isometry3<f64>>,
 }
 

@@ -1,0 +1,49 @@
+//! The figures that the scenarios measure, as `cargo xtask emulate --json` prints them.
+
+use serde::Serialize;
+
+/// Measured figures; one that no scenario of this run measured is absent.
+#[derive(Clone, Debug, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub struct Figures {
+    /// Greatest distance of a STEP or DIR edge from its planned tick, ticks of 11.9 ns.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub edge_jitter_ticks: Option<u64>,
+    /// Greatest distance of a STEP edge from the exact profile, ticks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile_error_ticks: Option<f64>,
+    /// Steps a second on one axis, both edges of STEP being steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub edges_per_s_1_axis: Option<u64>,
+    /// The same on three axes together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub edges_per_s_3_axes: Option<u64>,
+    /// Steps a second on one axis, rising edges being steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub single_edge_steps_per_s_1_axis: Option<u64>,
+    /// The same on three axes together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub single_edge_steps_per_s_3_axes: Option<u64>,
+    /// Instructions of the step interrupt a step at constant speed, rising edges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions_per_step_cruise: Option<f64>,
+    /// The same while speeding up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions_per_step_ramp: Option<f64>,
+    /// Instructions of the step interrupt a step at constant speed, both edges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions_per_edge_cruise: Option<f64>,
+    /// Largest part of its period that one step interrupt takes, one axis at its top rate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub service_load_1_axis: Option<f64>,
+    /// The same, three axes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub service_load_3_axes: Option<f64>,
+    /// From a stop request to the first slower step, transport included.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop_latency_ms: Option<f64>,
+    /// Flash that the program takes, bytes.
+    pub flash_bytes: u64,
+    /// RAM that its variables take, bytes.
+    pub ram_bytes: u64,
+}

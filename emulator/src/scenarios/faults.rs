@@ -1,0 +1,182 @@
+//! What must not happen when something goes wrong: a wrong step, or a wrong word about it.
+
+use super::{axis_settings, connect, rest};
+use crate::Machine;
+use crate::figures::Figures;
+use crate::talk::{Link, Talk};
+use anyhow::{Context, ensure};
+use parfocal_protocol::message::{Request, ResetCause, Stop, Trust};
+use parfocal_protocol::settings::{AxisSettings, BoardSettings};
+use parfocal_protocol::units::{Axis, Nanometres, StepsPerMicrometre};
+use std::path::Path;
+use std::time::Duration;
+
+/// The emergency-stop input (docs/wiring.md).
+const EMERGENCY: (char, u8) = ('G', 9);
+
+fn ms(n: u64) -> Duration {
+    Duration::from_millis(n)
+}
+
+fn go(board: &mut Machine, talk: &mut Talk, um: i32) -> anyhow::Result<()> {
+    let to = [Some(Nanometres(um * 1000)), None, None, None];
+    talk.ask(board, Request::Move { to, speed: None }).map(|_| ())
+}
+
+fn edges(board: &Machine) -> usize {
+    board.world.axes[0].lock().expect("turns").step.len()
+}
+
+fn counted(board: &Machine) -> i64 {
+    board.world.axes[0].lock().expect("turns").position()
+}
+
+/// Stop in mid-move: decelerated, soon, and the position told is what came out.
+///
+/// # Errors
+/// When it is not.
+pub fn stop(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
+    let mut worst = 0.0f64;
+    for link in [Link::Usb, Link::Serial] {
+        let (mut board, mut talk) = connect(elf, link)?;
+        go(&mut board, &mut talk, 900)?;
+        board.run_for(ms(250))?;
+        let asked = {
+            let trace = board.world.axes[0].lock().expect("turns");
+            trace.tick(rigless::time::VirtualNanos(board.now().as_nanos() as u64))
+        };
+        talk.ask(&mut board, Request::Stop { how: Stop::Decelerate })?;
+        let status = rest(&mut board, &mut talk, ms(10))?;
+        let trace = board.world.axes[0].lock().expect("turns");
+        let rises: Vec<u64> = trace.rises().collect();
+        let cruise = rises.windows(2).filter(|w| w[1] <= asked).map(|w| w[1] - w[0]).min().context("it did not move")?;
+        let slower = rises
+            .windows(2)
+            .find(|w| w[0] > asked && w[1] - w[0] > cruise + 1)
+            .context("it did not slow down")?;
+        let latency = (slower[0] - asked) as f64 / 84_000.0;
+        worst = worst.max(latency);
+        let last = rises.windows(2).last().map_or(0, |w| w[1] - w[0]);
+        ensure!(last > 3 * cruise, "it stopped abruptly: the last interval was {last} ticks, in cruise {cruise}");
+        ensure!(
+            trace.position() == i64::from(status.axes[0].steps.0),
+            "{} steps came out, {} are told",
+            trace.position(),
+            status.axes[0].steps.0
+        );
+        drop(trace);
+        board.stop()?.clean()?;
+    }
+    ensure!(worst <= 4.0, "the first slower step came {worst:.2} ms after the request");
+    figures.stop_latency_ms = Some((worst * 1000.0).round() / 1000.0);
+    Ok(format!("first slower step {worst:.2} ms after the request, transport included"))
+}
+
+/// The core busy with other things for 2 ms in mid-move: perhaps a gap, never a wrong step.
+///
+/// # Errors
+/// When a step is lost or too many.
+pub fn stall(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    // Fast enough that the ring holds less than 2 ms.
+    let fast = AxisSettings {
+        steps_per_um: StepsPerMicrometre(400.0),
+        acceleration: parfocal_protocol::units::MicrometresPerSecond2(20_000.0),
+        driver: parfocal_protocol::settings::Driver::Tmc2209,
+        ..AxisSettings::default()
+    };
+    axis_settings(&mut board, &mut talk, 0, fast)?;
+    go(&mut board, &mut talk, 150)?;
+    let mut said = 0;
+    for _ in 0..3 {
+        board.run_for(ms(40))?;
+        board.hold(true);
+        board.run_for(ms(2))?;
+        board.hold(false);
+        said += 1;
+    }
+    let status = rest(&mut board, &mut talk, ms(10))?;
+    let (counted, told) = (counted(&board), status.axes[0].steps.0);
+    ensure!(counted == 60_000 && told == 60_000, "{counted} steps came out and {told} are told, instead of 60000");
+    ensure!(status.stopped.is_none(), "it was stopped: {:?}", status.stopped);
+    let longest = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        let rises: Vec<u64> = trace.rises().collect();
+        // Gaps at full speed only: the middle of the move.
+        rises[15_000..45_000].windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0)
+    };
+    board.stop()?.clean()?;
+    Ok(format!("{said} stalls of 2 ms, no step lost; longest silence {:.2} ms", longest as f64 / 84_000.0))
+}
+
+/// The core hangs: the watchdog restarts it, no step comes after, and the next hello says why.
+///
+/// # Errors
+/// When it does not.
+pub fn watchdog(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Serial)?;
+    let kept = AxisSettings { steps_per_um: StepsPerMicrometre(12.5), ..AxisSettings::default() };
+    axis_settings(&mut board, &mut talk, 2, kept)?;
+    talk.ask(&mut board, Request::Save)?;
+    board.run_for(ms(30))?;
+    go(&mut board, &mut talk, 900)?;
+    board.run_for(ms(150))?;
+    let before = edges(&board);
+    board.hold(true);
+    board.run_for(ms(60))?;
+    let during = edges(&board) - before;
+    board.hold(false);
+    board.run_for(ms(60))?;
+    let after = edges(&board) - before - during;
+    ensure!(after <= 1, "{after} edges came out after the restart");
+    let hello = Talk::new(Link::Serial, 0x2222).hello(&mut board)?;
+    ensure!(hello.reset == ResetCause::Watchdog, "the hello says that {:?} started it", hello.reset);
+    let mut talk = Talk::new(Link::Serial, 0x2223);
+    talk.hello(&mut board)?;
+    let found = talk.ask(&mut board, Request::GetAxis { axis: Axis(2) })?;
+    ensure!(
+        matches!(found, parfocal_protocol::message::Response::Axis(s) if s == kept),
+        "settings saved before did not survive: {found:?}"
+    );
+    let status = talk.status(&mut board)?;
+    ensure!(status.axes.iter().all(|a| !a.moving && !a.enabled), "outputs are not inactive: {status:?}");
+    let report = board.stop()?;
+    ensure!(report.resets == 1, "it was reset {} times", report.resets);
+    report.clean()?;
+    Ok(format!("restarted, told, settings kept; {during} edges from the ring before it fell silent"))
+}
+
+/// The emergency-stop input pressed in mid-move: no step from then on, position counted and flagged.
+///
+/// # Errors
+/// When it is not so.
+pub fn emergency(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    board.drive(EMERGENCY, false);
+    let settings = BoardSettings { has_emergency_stop: true, ..BoardSettings::default() };
+    talk.ask(&mut board, Request::SetBoard { settings })?;
+    board.run_for(ms(20))?;
+    go(&mut board, &mut talk, 900)?;
+    board.run_for(ms(250))?;
+    board.drive(EMERGENCY, true);
+    let pressed = board.now();
+    board.run_for(ms(12))?;
+    let (before, last) = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        (trace.step.len(), trace.step.last().map_or(0, |e| e.tick))
+    };
+    let late = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        last.saturating_sub(trace.tick(rigless::time::VirtualNanos(pressed.as_nanos() as u64)))
+    };
+    board.run_for(ms(100))?;
+    let after = edges(&board) - before;
+    ensure!(after == 0, "{after} edges came out after the emergency stop");
+    let status = talk.status(&mut board)?;
+    let (counted, told) = (counted(&board), status.axes[0].steps.0);
+    ensure!(status.emergency, "the status does not say 'emergency'");
+    ensure!(counted == i64::from(told), "{counted} steps came out, {told} are told");
+    ensure!(status.axes[0].trust == Trust::Lost, "the position is flagged {:?}", status.axes[0].trust);
+    board.stop()?.clean()?;
+    Ok(format!("last edge {:.2} ms after the button, position exact and flagged", late as f64 / 84_000.0))
+}

@@ -1,0 +1,123 @@
+//! Moves: every edge on its planned tick, the profile exact, the distance as asked for, the position as told.
+
+use super::{axis_settings, connect, rest};
+use crate::exact::{Exact, FINE};
+use crate::figures::Figures;
+use crate::planned::Planned;
+use crate::talk::Link;
+use crate::trace::Trace;
+use anyhow::{anyhow, ensure};
+use parfocal_firmware::motion::limits::in_ticks;
+use parfocal_firmware::motion::playback::Change;
+use parfocal_protocol::message::Request;
+use parfocal_protocol::settings::AxisSettings;
+use parfocal_protocol::units::{MicrometresPerSecond, MicrometresPerSecond3, Nanometres, StepsPerMicrometre};
+use std::path::Path;
+use std::time::Duration;
+
+fn um(x: i32) -> Option<Nanometres> {
+    Some(Nanometres(x * 1000))
+}
+
+/// Settings unlike each other, so that nothing coincides.
+fn settings() -> [AxisSettings; 4] {
+    std::array::from_fn(|i| AxisSettings {
+        steps_per_um: StepsPerMicrometre([10.0, 12.5, 40.0, 25.0][i]),
+        jerk: MicrometresPerSecond3(400_000.0),
+        inverted: i == 1,
+        ..AxisSettings::default()
+    })
+}
+
+/// Moves of one axis and of all, against the same moves on a PC and against exact arithmetic.
+///
+/// # Errors
+/// When an edge is missing, surplus or off.
+pub fn edges(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    let settings = settings();
+    for (axis, settings) in settings.iter().enumerate() {
+        axis_settings(&mut board, &mut talk, axis, *settings)?;
+    }
+    let mut planned = Planned::new(&settings).map_err(|r| anyhow!("refused on a PC: {r:?}"))?;
+    let (mut jitter, mut profile, mut steps) = (0, 0.0f64, 0);
+    let moves = [([um(150), None, None, None], None), ([um(-60), None, None, None], Some(MicrometresPerSecond(300.0))), ([um(20), um(-35), um(90), um(55)], None)];
+    for (to, speed) in moves {
+        let plan = planned.move_to(&to, speed).map_err(|r| anyhow!("refused on a PC: {r:?}"))?;
+        for axis in &board.world.axes {
+            axis.lock().expect("turns").clear_edges();
+        }
+        talk.ask(&mut board, Request::Move { to, speed })?;
+        let status = rest(&mut board, &mut talk, Duration::from_millis(20))?;
+        for (axis, target) in to.iter().enumerate() {
+            let Some(target) = target else { continue };
+            let trace = board.world.axes[axis].lock().expect("turns");
+            jitter = jitter.max(compare(axis, &trace, &plan)?);
+            let told = status.axes[axis].steps.0;
+            let wanted = settings[axis].steps_per_um.steps(*target).0;
+            ensure!(told == wanted, "axis {axis} stands at {told} steps instead of {wanted}");
+            steps += trace.rises().count();
+        }
+        if to[1].is_none() {
+            let trace = board.world.axes[0].lock().expect("turns");
+            profile = profile.max(off_exact(&trace, &settings[0], speed)?);
+        }
+    }
+    board.stop()?.clean()?;
+    ensure!(jitter == 0, "edges come up to {jitter} ticks off their plan");
+    ensure!(profile <= 1.0, "edges lie up to {profile:.2} ticks off the exact profile");
+    figures.edge_jitter_ticks = Some(jitter);
+    figures.profile_error_ticks = Some((profile * 1000.0).round() / 1000.0);
+    Ok(format!("{steps} steps: jitter {jitter} ticks, {profile:.2} ticks off the exact profile at most"))
+}
+
+/// Greatest difference between an axis' edges, STEP and DIR, and their plan, counted from the first STEP edge of each.
+fn compare(axis: usize, trace: &Trace, plan: &[Change]) -> anyhow::Result<u64> {
+    let first = plan.iter().find(|c| c.axis == axis && c.step).map_or(0, |c| c.tick) as i64;
+    let began = trace.step.first().map_or(0, |e| e.tick) as i64;
+    let mut worst = 0;
+    for (name, step, edges) in [("STEP", true, &trace.step), ("DIR", false, &trace.dir)] {
+        let planned: Vec<_> = plan.iter().filter(|c| c.axis == axis && c.step == step).collect();
+        ensure!(
+            planned.len() == edges.len(),
+            "axis {axis} {name}: {} edges came out of {} planned",
+            edges.len(),
+            planned.len()
+        );
+        for (planned, edge) in planned.iter().zip(edges) {
+            ensure!(planned.high == edge.high, "axis {axis} {name}: an edge goes the wrong way at tick {}", edge.tick);
+            worst = worst.max(((planned.tick as i64 - first) - (edge.tick as i64 - began)).unsigned_abs());
+        }
+    }
+    Ok(worst)
+}
+
+/// Greatest distance of a single-axis move's steps from the exact profile of its settings, ticks; the begin of the path is
+/// where it fits best.
+fn off_exact(trace: &Trace, settings: &AxisSettings, speed: Option<MicrometresPerSecond>) -> anyhow::Result<f64> {
+    let rises: Vec<u64> = trace.rises().collect();
+    let mut settings = *settings;
+    settings.speed = speed.unwrap_or(settings.speed);
+    let limits = in_ticks(&settings);
+    let length = rises.len() as f64;
+    // Durations in whole ticks, from the limits; everything else of the path follows from them exactly.
+    let jerk = (limits.a / limits.j).ceil().max(1.0);
+    let hold = (limits.v / limits.a - limits.a / limits.j).ceil().max(0.0);
+    let cruise = ((length - limits.v * (2.0 * limits.a / limits.j + (limits.v / limits.a - limits.a / limits.j))) / limits.v).ceil();
+    ensure!(cruise > 0.0, "the move is too short to cruise: choose another one to compare");
+    let exact = Exact { length: rises.len() as u32, ticks: [jerk as u64, hold as u64, cruise as u64] };
+    let off: Vec<i64> = rises
+        .iter()
+        .zip(1..)
+        .map(|(tick, step)| (tick * FINE) as i64 - exact.edge(step) as i64)
+        .collect();
+    // The path began on a whole tick.
+    let (low, high) = (off.iter().min().copied().unwrap_or(0), off.iter().max().copied().unwrap_or(0));
+    let begin = (low + high) / 2 / FINE as i64;
+    let best = [begin - 1, begin, begin + 1]
+        .map(|b| (high - b * FINE as i64).abs().max((low - b * FINE as i64).abs()))
+        .into_iter()
+        .min()
+        .unwrap_or(0);
+    Ok(best as f64 / FINE as f64)
+}
