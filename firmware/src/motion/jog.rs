@@ -31,6 +31,7 @@ impl Motion {
         if self.emergency {
             return Err(Refusal::Emergency);
         }
+        self.watch_pulses(now, board);
         let jogs = matches!(self.task, Task::Jog { .. }) && self.stopping.is_none();
         if !(jogs || self.resting() && self.queue.is_empty()) {
             return Err(Refusal::Busy);
@@ -76,12 +77,12 @@ impl Motion {
         {
             *wanted = f64::from(speed.0) * scale / TICKS;
         }
-        self.steer(now, board, index);
+        self.steer(board, index);
         Ok(self.running)
     }
 
     /// Gives an axis that jogs the path to the speed wanted of it.
-    pub(super) fn steer(&mut self, now: BoardTime, board: &mut impl Board, index: usize) {
+    pub(super) fn steer(&mut self, board: &mut impl Board, index: usize) {
         let Task::Jog { wanted } = &self.task else { return };
         let wanted = wanted.get(index).copied().unwrap_or(0.0);
         let moving = board.pulses(|engine| engine.busy(index));
@@ -95,7 +96,7 @@ impl Motion {
                     && let Some(path) = Path::rest_to_rest(distance, limits)
                 {
                     self.set_lane(index, path, if wanted > 0.0 { 1.0 } else { -1.0 }, limits);
-                    self.launch(now, board);
+                    self.launch(board);
                 }
             }
             return;
@@ -105,8 +106,8 @@ impl Motion {
             let Some(lane) = &self.known(index).lane else { return };
             let mut axes = [false; AXES];
             axes[index] = true;
-            let tick = board.pulses(|engine| engine.laid(axes)) + margin;
-            let same_way = wanted != 0.0 && (wanted > 0.0) == lane.up;
+            let tick = (board.pulses(|engine| engine.laid(axes)) + margin).max(lane.begin);
+            let same_way = wanted != 0.0 && !self.held && (wanted > 0.0) == lane.up;
             let next = if same_way { faster_or_slower(lane, tick, wanted.abs()) } else { lane.stopping(tick) };
             let Some(next) = next else { return };
             let mut plans = [const { None }; AXES];

@@ -2,25 +2,12 @@
 
 use super::edges::Edges;
 use super::phase::{Phase, Span};
-use super::record::{LONGEST, Record, SHORTEST};
+use super::record::{LONGEST, Pulse, Record, SHORTEST};
 use super::ring::Ring;
 use super::swing::Quarter;
 
 /// Records that are always laid ahead, however long they are: the guard must not come near.
 const FEWEST: u32 = 14;
-
-/// How an axis' STEP and DIR are driven, ticks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pulse {
-    /// STEP high time of single-edge stepping.
-    pub high: u32,
-    /// DIR stands this long before a step.
-    pub setup: u32,
-    /// Whether both edges of STEP are steps.
-    pub both: bool,
-    /// Whether larger counts mean DIR low.
-    pub inverted: bool,
-}
 
 /// One axis.
 #[derive(Debug)]
@@ -44,6 +31,7 @@ pub struct Track {
 
 impl Track {
     /// At rest, STEP low.
+    #[allow(clippy::new_without_default, reason = "const, for a static")]
     pub const fn new() -> Self {
         Self {
             ring: Ring::new(),
@@ -203,6 +191,11 @@ impl Track {
         }
     }
 
+    /// Whether a path has begun and its last edge is not out.
+    pub fn under_way(&self) -> bool {
+        self.open || !self.out() || self.edges.begun(self.end)
+    }
+
     /// Whether DIR or STEP changes level, or may, from here on.
     pub fn busy(&self) -> bool {
         !self.exhausted() || !self.out()
@@ -216,6 +209,11 @@ impl Track {
     /// Cuts the path at a tick not laid yet: of the phase there, `steps` edges remain. False when more are laid.
     pub fn cut(&mut self, tick: u64, steps: u32) -> bool {
         self.end <= tick && self.edges.cut(tick, steps, self.end)
+    }
+
+    /// Whether [`Self::cut`] would cut.
+    pub fn can_cut(&self, tick: u64, steps: u32) -> bool {
+        self.end <= tick && self.edges.can_cut(tick, steps)
     }
 
     /// Lays records until they reach `horizon` or there is no room.
