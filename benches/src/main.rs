@@ -1,6 +1,9 @@
 //! The benches' own program; `cargo xtask bench NAME …` builds it optimised and runs it.
 //! One file a bench.
 
+mod autofocus;
+mod ransac;
+
 use clap::{Parser, Subcommand};
 
 /// Runs one bench and writes results that can be scored.
@@ -12,8 +15,16 @@ struct Arguments {
 
 /// The benches, one file each.
 #[derive(Debug, Subcommand)]
-enum Bench {}
+enum Bench {
+    /// Scans for focus on generated curves.
+    Autofocus(autofocus::Arguments),
+    /// Robust registration of points of which some are wrong
+    Ransac(ransac::Arguments),
+}
 
 fn main() -> anyhow::Result<()> {
-    match Arguments::parse().bench {}
+    match Arguments::parse().bench {
+        Bench::Autofocus(arguments) => autofocus::run(&arguments),
+        Bench::Ransac(arguments) => ransac::run(&arguments),
+    }
 }

@@ -26,8 +26,12 @@ pub fn now() -> BoardTime {
 
 /// Runs the controller for ever.
 pub async fn run<B: Board>(mut controller: Controller<B>) -> ! {
-    let mut connections = [(&USB, Link(0)), (&SERIAL, Link(1))]
-        .map(|(bytes, link)| Connection { bytes, link, port: Port::new(), heard: false });
+    let mut connections = [(&USB, Link(0)), (&SERIAL, Link(1))].map(|(bytes, link)| Connection {
+        bytes,
+        link,
+        port: Port::new(),
+        heard: false,
+    });
     loop {
         // Either bytes have come or the tick is over; both mean: look.
         let _ = with_timeout(TICK, ARRIVED.wait()).await;
@@ -52,9 +56,7 @@ impl Connection {
             for byte in &chunk[..n] {
                 let (frame, n) = match self.port.push(*byte) {
                     None => continue,
-                    Some(Received::Request(request)) => {
-                        encode_message(&controller.handle(now(), self.link, &request))
-                    }
+                    Some(Received::Request(request)) => encode_message(&controller.handle(now(), self.link, &request)),
                     Some(Received::Stranger(_)) => encode_stranger(),
                 };
                 self.heard = true;

@@ -3,6 +3,11 @@
 #![no_std]
 
 pub mod autofocus;
+pub mod controller;
+mod focusing;
 pub mod keeping;
 pub mod motion;
+mod parking;
+pub mod port;
 pub mod ports;
+mod sessions;

@@ -1,7 +1,7 @@
 //! One link's bytes: in come frames, out go frames. Pure bookkeeping; the board's tasks move the bytes.
 
 use parfocal_protocol::frame::{DecodeError, Decoder, MAX_FRAME, encode, encode_version};
-use parfocal_protocol::message::{FromBoard, Refusal, Session, Sequence, ToBoard};
+use parfocal_protocol::message::{FromBoard, Refusal, Sequence, Session, ToBoard};
 
 /// The receiving side of a link.
 #[derive(Clone, Debug, Default)]

@@ -68,8 +68,7 @@ impl Sessions {
                     self.entries.swap_remove(i);
                 }
             }
-            let entry =
-                Entry { session, link, last: Sequence(0), answer: Err(Refusal::NoSession), heard: now };
+            let entry = Entry { session, link, last: Sequence(0), answer: Err(Refusal::NoSession), heard: now };
             // There is room: of SESSIONS entries at most one is in control.
             let _ = self.entries.push(entry);
         }

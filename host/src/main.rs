@@ -22,6 +22,7 @@ fn main() -> ExitCode {
     match cmd::run(arguments.command, out) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if error.is::<cmd::Refused>() => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("parfocal: {error:#}");
             if out.json {

@@ -53,6 +53,8 @@ pub struct SettingsFile {
 pub struct AxisText {
     /// Motor (micro)steps in a µm.
     pub steps_per_um: f32,
+    /// Microsteps in a full step.
+    pub microsteps: u16,
     /// Fastest speed.
     pub speed_um_s: f32,
     /// Largest acceleration.
@@ -160,6 +162,7 @@ impl From<AxisSettings> for AxisText {
         let um = |at: Nanometres| at.micrometres().0;
         Self {
             steps_per_um: s.steps_per_um.0,
+            microsteps: s.microsteps,
             speed_um_s: s.speed.0,
             acceleration_um_s2: s.acceleration.0,
             jerk_um_s3: s.jerk.0,
@@ -187,6 +190,7 @@ impl TryFrom<AxisText> for AxisSettings {
     fn try_from(t: AxisText) -> Result<Self, SettingsError> {
         Ok(Self {
             steps_per_um: StepsPerMicrometre(t.steps_per_um),
+            microsteps: t.microsteps,
             speed: MicrometresPerSecond(t.speed_um_s),
             acceleration: MicrometresPerSecond2(t.acceleration_um_s2),
             jerk: MicrometresPerSecond3(t.jerk_um_s3),

@@ -578,4 +578,6 @@ pub enum Field {
     Cycles,
     /// Distance or count of trigger pulses.
     Trigger,
+    /// Microsteps in a full step.
+    Microsteps,
 }

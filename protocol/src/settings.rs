@@ -1,7 +1,7 @@
 //! What a board is told about its axes and itself, kept on the board over a power cycle.
 
 use crate::units::{
-    Hertz, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds, Nanometres,
+    Hertz, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds, Nanometres, Steps,
     StepsPerMicrometre,
 };
 use postcard::experimental::max_size::MaxSize;
@@ -56,6 +56,8 @@ pub enum Polarity {
 pub struct AxisSettings {
     /// Motor (micro)steps in a µm.
     pub steps_per_um: StepsPerMicrometre,
+    /// Microsteps that make a full step, as the driver is strapped.
+    pub microsteps: u16,
     /// Fastest speed.
     pub speed: MicrometresPerSecond,
     /// Largest acceleration.
@@ -97,6 +99,7 @@ impl Default for AxisSettings {
     fn default() -> Self {
         Self {
             steps_per_um: StepsPerMicrometre(10.0),
+            microsteps: 16,
             speed: MicrometresPerSecond(1000.0),
             acceleration: MicrometresPerSecond2(10_000.0),
             jerk: MicrometresPerSecond3(1_000_000.0),
@@ -115,6 +118,14 @@ impl Default for AxisSettings {
             has_switches: false,
             idle_off: false,
         }
+    }
+}
+
+impl AxisSettings {
+    /// Whether a driver that is switched on again holds its motor exactly at `steps`: it starts at one fixed phase of the four
+    /// full steps of its cycle, and anywhere else the motor jumps by up to two full steps.
+    pub fn parks_exactly(&self, steps: Steps) -> bool {
+        steps.0.rem_euclid(4 * i32::from(self.microsteps.max(1))) == 0
     }
 }
 

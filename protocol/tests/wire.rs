@@ -219,6 +219,7 @@ fn refusals() {
         Field::Frequency => 18, Field::Frequency;
         Field::Cycles => 19, Field::Cycles;
         Field::Trigger => 20, Field::Trigger;
+        Field::Microsteps => 21, Field::Microsteps;
     );
 }
 

@@ -55,9 +55,9 @@ impl Step {
     fn run(self) -> anyhow::Result<()> {
         match self {
             Self::Format => check(cargo().args(["fmt", "--all", "--check"])),
-            Self::Lints => check(
-                cargo().args(["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"]),
-            ),
+            Self::Lints => {
+                check(cargo().args(["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"]))
+            }
             Self::Tests => tests(&["--workspace"]),
             Self::Docs => {
                 check(cargo().args(["test", "--workspace", "--doc", "--quiet"]))?;

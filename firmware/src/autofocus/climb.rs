@@ -1,155 +1,155 @@
-//! The default search: probe for the uphill direction, one pass uphill, a trap radius past the best on both sides.
+//! The default search: find the uphill direction against the noise, one pass uphill, a trap radius past the best.
+//!
+//! Under the assumption that all local maxima lie within the trap radius of the peak, a place from which the values fall
+//! for a trap radius to both sides is the peak, and nothing less shows it. So the climb goes on until both sides are
+//! seen; all that is to be gained is in the order. Where nothing is decided yet, the way goes on in one direction, as a
+//! sequential test: it turns when the line through everything seen falls significantly, the sooner the less of the
+//! range lies ahead and the more behind (the peak is as likely anywhere). Noise costs frames, not way: frames at the
+//! start and at the end of the first probe, two at each place, as many as way is made, and the rest on the way back
+//! ([`super::refine`]).
 
-use super::curve::{Curve, Place, STRIDE};
+use core::f64::consts::SQRT_2;
+
+use super::curve::{Curve, Place, STRIDE, Side, magnitude};
 use super::noise::root;
-use super::peak::{self, smooth};
-use super::{Next, Search};
+use super::refine::{self, Refine};
+use super::search::{Lengths, Next, Search};
 
-#[derive(Clone, Copy, Debug)]
-pub struct Tuning { pub sense: u32, pub stay: u32, pub per: u16, pub turn: f64, pub fall: f64, pub quiet: f64, pub base: i32, pub extra: u16, pub bias: f64, pub plaus: f64, pub turn_at: i32, pub wide: f64 }
-pub const TUNING: Tuning = Tuning { sense: 32, stay: 32, per: 2, turn: 2.5, fall: 5.5, quiet: 2e-4, base: 90, extra: 12, bias: 0.5, plaus: 3.0, turn_at: 0, wide: 4.0 };
+/// Equal frames at the start after which the values are taken to be free of noise.
+const SILENCE: u32 = 3;
+
+/// Frames at the start, to learn the noise and to compare with, if there is noise.
+const SENSE: u32 = 32;
+
+/// Frames at the end of the first probe while the direction is not decided.
+const STAY: u16 = 32;
+
+/// Frames at each place on the way, if there is noise.
+pub const FRAMES: u16 = 2;
+
+/// A line falling by this many standard errors turns the climb, if as much of the range lies ahead as behind.
+const TURN: f64 = 2.0;
+
+/// What is added to [`TURN`] if all of the range lies ahead, and taken off if all lies behind.
+const ODDS: f64 = 1.6;
+
+/// A fall from the best place of this many standard errors is beyond doubt: the best was picked among hundreds.
+const FALL: f64 = 5.5;
+
+/// The same for the mean over [`BROAD`] to both sides of the best, which is picked among fewer.
+const BROAD_FALL: f64 = 4.0;
+
+/// A rise of this share of the curve's height is steep,
+const STEEP: f64 = 0.02;
+
+/// if it is this share of the value.
+const STEEP_AT_ALL: f64 = 0.005;
+
+/// Half a broad top, in places.
+const BROAD: i32 = 4 * STRIDE;
 
 /// State of a climb.
 #[derive(Clone, Debug)]
 pub struct Climb {
-    pub tuning: Tuning,
-    trap: i32,
-    probe: i32,
-    heading: i32,
-    best: Option<(i32, f64)>,
-    stage: Stage,
-    travelled: i32,
-    last: i32,
-    turned: bool,
-    ends: [(f64, u32); 2],
+    lengths: Lengths,
+    heading: Option<Side>,
+    refine: Option<Refine>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Stage { Walk, Refine { goal: i32, rounds: u8 } }
-
 impl Climb {
-    /// A climb with the trap radius and the probe in places.
-    pub fn new(trap: i32, probe: i32) -> Self {
-        Self { tuning: TUNING, trap, probe, heading: 0, best: None, stage: Stage::Walk, travelled: 0, last: 0, turned: false, ends: [(0.0, 0); 2] }
+    /// A climb with these lengths.
+    pub fn new(lengths: Lengths) -> Self {
+        Self { lengths, heading: None, refine: None }
     }
 
-    pub fn best_place(&self) -> Option<i32> { self.best.map(|b| b.0) }
-    fn budget(&self, curve: &Curve) -> i32 {
-        self.tuning.base + 2 * self.travelled / STRIDE - curve.frames() as i32
-    }
-
-    fn take_in(&mut self, curve: &Curve, here: i32, sigma: f64) {
-        let h = if sigma > 0.0 { STRIDE } else { 0 };
-        for p in here - h..=here + h {
-            let v = if sigma > 0.0 { smooth(curve, p) } else { curve.at(Place(p)).map(|c| c.mean) };
-            let Some(v) = v else { continue };
-            match self.best { Some((q, b)) if q != p && b >= v => {}, _ => self.best = Some((p, v)) }
+    /// The next place on the way out; `None` when both sides are seen.
+    fn walk(&mut self, curve: &Curve, heading: Side) -> Option<Place> {
+        let here = curve.here();
+        let quiet = curve.noise().is_silent();
+        let frames = curve.at(here).map_or(0, |c| c.frames);
+        let spare = !self.lengths.sweeping && !quiet && refine::allowance(curve) > 0;
+        if spare && here.0 != 0 && frames < FRAMES {
+            return Some(here);
         }
-    }
-
-    fn done(&self, curve: &Curve, side: i32, sigma: f64) -> bool {
-        let Some((b, v)) = self.best else { return false };
-        let seen = if side > 0 { curve.highest().0 } else { curve.lowest().0 };
-        let end = if side > 0 { curve.last().0 } else { curve.first().0 };
-        if seen == end { return true; }
-        if (seen - b) * side < self.trap { return false; }
-        self.fell(curve, side, sigma)
-    }
-
-    fn end(&self, curve: &Curve, here: i32, side: i32, sigma: f64) -> (f64, u32) {
-        let far = here + if sigma > 0.0 { 7 * STRIDE * side } else { 0 };
-        curve.mean(here.min(far), here.max(far))
-    }
-
-    /// Whether the values fall from the best to the end seen on one side, beyond doubt.
-    fn fell(&self, curve: &Curve, side: i32, sigma: f64) -> bool {
-        let Some((b, v)) = self.best else { return false };
-        let (m, n) = self.ends[usize::from(side > 0)];
-        if n == 0 { return false; }
-        let s = sigma * v.max(-v);
-        let e = s * root(1.0 / f64::from(n) + 0.4 / f64::from(self.tuning.per));
-        if v - m > self.tuning.fall * e { return true; }
-        let (w, k) = curve.mean(b - 4 * STRIDE, b + 4 * STRIDE);
-        k > 0 && w - m > self.tuning.wide * s * root(1.0 / f64::from(n) + 1.0 / f64::from(k))
-    }
-
-    fn walk(&mut self, curve: &Curve, here: i32, sigma: f64) -> Option<Next> {
-        let t = self.tuning;
-        let noisy = sigma > t.quiet;
-        let frames = curve.at(Place(here)).map_or(0, |c| c.frames);
-        if here != 0 && noisy && frames < t.per && self.budget(curve) > 0 {
-            return Some(Next::Sample(Place(here)));
-        }
-        let (up, down) = (self.done(curve, 1, sigma), self.done(curve, -1, sigma));
-        if up && down { return None; }
-        if up { self.heading = -1; } else if down { self.heading = 1; } else {
-            let reference = curve.reference();
-            let s = sigma * reference.max(-reference);
-            let z = curve.trend().significance(s) * f64::from(self.heading);
-            if here.abs() == self.probe && curve.lowest().0.min(-curve.highest().0) == -self.probe && sigma > 0.0 && z.abs() < t.turn && u32::from(frames) < t.stay && self.budget(curve) > 0 {
-                return Some(Next::Sample(Place(here)));
+        let heading = match (self.done(curve, Side::Low), self.done(curve, Side::High)) {
+            (true, true) => return None,
+            (true, false) => Side::High,
+            (false, true) => Side::Low,
+            (false, false) => {
+                let sigma = curve.noise().relative() * magnitude(curve.reference());
+                let rise = curve.trend().significance(sigma) * f64::from(heading.sign());
+                let probed = here.0 == self.lengths.probe * heading.sign() && curve.seen(heading.other()).0 == 0;
+                if spare && probed && magnitude(rise) < TURN + ODDS && frames < STAY {
+                    return Some(here);
+                }
+                let (ahead, behind) = (f64::from(curve.ahead(heading)), f64::from(curve.ahead(heading.other())));
+                let doubt = TURN + ODDS * (ahead - behind) / (ahead + behind);
+                let begun = curve.seen(heading).0 * heading.sign() >= 2 * STRIDE;
+                // A fall behind means that a top is being crossed: its far side comes first.
+                if begun && rise < -doubt && !fell(curve, heading.other()) { heading.other() } else { heading }
             }
-            if z < -t.turn && here.abs() >= 2 * STRIDE && !self.fell(curve, -self.heading, sigma) { self.heading = -self.heading; self.turned = true; }
-            else if !self.turned && t.turn_at > 0 && here.abs() == t.turn_at && z < t.turn { self.heading = -self.heading; self.turned = true; }
-        }
-        let seen = if self.heading > 0 { curve.highest().0 } else { curve.lowest().0 };
-        Some(Next::Sample(Place(seen + self.heading * STRIDE)))
+        };
+        self.heading = Some(heading);
+        let seen = curve.seen(heading).0;
+        let half = !self.lengths.sweeping && quiet && steep(curve, heading);
+        // Off the grid a half step leads back to it.
+        let step = if half || seen % STRIDE != 0 { 1 } else { STRIDE };
+        Some(Place(seen + heading.sign() * step))
     }
 
-    fn find(&self, curve: &Curve, sigma: f64) -> Option<peak::Peak> {
-        let (b, _) = self.best?;
-        let sigma = if sigma > self.tuning.quiet { sigma } else { 0.0 };
-        peak::find(curve, (b - self.trap * 2).max(curve.lowest().0), (b + self.trap * 2).min(curve.highest().0), sigma, self.tuning.bias)
+    /// Whether a side needs no more looking at.
+    fn done(&self, curve: &Curve, side: Side) -> bool {
+        let Some((best, _)) = curve.best() else { return false };
+        let past = (curve.seen(side).0 - best.0) * side.sign();
+        curve.ahead(side) < STRIDE || (past >= self.lengths.trap && fell(curve, side))
     }
+}
 
-    fn refine(&mut self, curve: &Curve, here: i32, sigma: f64, goal: i32, rounds: u8) -> Next {
-        // Extra frames at every plausible place on the way.
-        let way = (here - goal).abs() / STRIDE + 4;
-        let share = (self.budget(curve) / (way + 1)).clamp(0, i32::from(self.tuning.extra)) as u16;
-        let cell = curve.at(Place(here));
-        let per = self.tuning.per;
-        let v = smooth(curve, here).unwrap_or(0.0);
-        let s = sigma * v.max(-v);
-        let top = self.best.map_or(v, |b| b.1);
-        let frames = cell.map_or(0, |c| c.frames);
-        if v > top - self.tuning.plaus * s && frames < per + share.max(0) && self.budget(curve) > 0 && frames < per + self.tuning.extra {
-            return Next::Sample(Place(here));
-        }
-        if here == goal {
-            let Some(peak) = self.find(curve, sigma) else { return Next::Enough };
-            let at = (if peak.at < 0.0 { peak.at - 0.5 } else { peak.at + 0.5 }) as i32;
-            if rounds == 0 || (at - here).abs() <= STRIDE || self.budget(curve) < 10 { return Next::Enough; }
-            self.stage = Stage::Refine { goal: at, rounds: rounds - 1 };
-            return Next::Sample(Place(here + (at - here).signum()));
-        }
-        Next::Sample(Place(here + (goal - here).signum()))
+/// Whether the curve has risen steeply over the last two steps: a narrow top may follow, so the steps are halved.
+fn steep(curve: &Curve, heading: Side) -> bool {
+    let here = curve.here().0;
+    let (Some(cell), Some((_, best))) = (curve.at(Place(here)), curve.best()) else { return false };
+    let least = STEEP * (best - curve.floor());
+    let behind = (1..=2 * STRIDE).filter_map(|d| curve.at(Place(here - d * heading.sign())));
+    behind.map(|c| cell.mean - c.mean).any(|rise| rise > least && rise > STEEP_AT_ALL * magnitude(best))
+}
+
+/// Whether the values fall from the best place to the end seen on one side, beyond doubt.
+pub fn fell(curve: &Curve, side: Side) -> bool {
+    let Some((best, top)) = curve.best() else { return false };
+    let end = curve.end(side);
+    if end.frames == 0 {
+        return false;
     }
+    let sigma = curve.noise().relative() * magnitude(top);
+    if curve.noise().is_silent() {
+        // One frame against one.
+        return top - end.mean > FALL * SQRT_2 * sigma;
+    }
+    let error = |variance: f64| sigma * root(1.0 / f64::from(end.frames) + variance);
+    let broad = curve.level(Place(best.0 - BROAD), Place(best.0 + BROAD));
+    top - end.mean > FALL * error(curve.smooth_variance(best))
+        || (broad.frames > 0 && broad.mean - end.mean > BROAD_FALL * error(1.0 / f64::from(broad.frames)))
 }
 
 impl Search for Climb {
-    fn next(&mut self, curve: &Curve, here: Place) -> Next {
-        let t = self.tuning;
-        let here = here.0;
-        self.travelled += (here - self.last).abs();
-        self.last = here;
-        let sigma = curve.noise().relative();
-        if curve.frames() < 3 || (sigma > 0.0 && curve.frames() < t.sense) {
-            return Next::Sample(Place(0));
+    fn next(&mut self, curve: &Curve) -> Next {
+        if let Some(refine) = &mut self.refine {
+            return refine.next(curve);
         }
-        self.take_in(curve, here, sigma);
-        if self.heading == 0 { self.heading = if curve.last().0 >= -curve.first().0 { 1 } else { -1 }; }
-        match self.stage {
-            Stage::Walk => {
-                if here == curve.highest().0 { self.ends[1] = self.end(curve, here, -1, sigma); }
-                if here == curve.lowest().0 { self.ends[0] = self.end(curve, here, 1, sigma); }
-                if let Some(next) = self.walk(curve, here, sigma) { return next; }
-                if sigma <= t.quiet { return Next::Enough; }
-                let Some(peak) = self.find(curve, sigma) else { return Next::Enough };
-                let goal = (if peak.at < 0.0 { peak.at - 0.5 } else { peak.at + 0.5 }) as i32;
-                self.stage = Stage::Refine { goal, rounds: 4 };
-                self.refine(curve, here, sigma, goal, 4)
-            }
-            Stage::Refine { goal, rounds } => self.refine(curve, here, sigma, goal, rounds),
+        let sense = if curve.noise().is_none() { SILENCE } else { SENSE };
+        let heading = match self.heading {
+            Some(heading) => heading,
+            None if curve.frames() < sense => return Next::Sample(Place(0)),
+            // The longer side first.
+            None if curve.ahead(Side::High) >= curve.ahead(Side::Low) => Side::High,
+            None => Side::Low,
+        };
+        self.heading = Some(heading);
+        match self.walk(curve, heading) {
+            Some(place) => Next::Sample(place),
+            None if self.lengths.sweeping => Next::Enough,
+            None => self.refine.insert(Refine::new(self.lengths.trap)).next(curve),
         }
     }
 }

@@ -1,84 +1,151 @@
-//! What a scan has seen: the focus curve, in bounded memory.
+//! What a scan has seen: the focus curve, in bounded memory, and running sums that outlive it.
 
 use super::noise::{Noise, Trend};
 use parfocal_protocol::units::{FocusValue, Nanometres};
 
-/// Cells around the present position that a curve keeps; what lies further back is forgotten.
+/// Places that a curve keeps; the oldest on the same slot is forgotten.
 pub const CELLS: usize = 512;
+
 /// Places in a sample step: the way back may sample between the places of the way out.
 pub const STRIDE: i32 = 2;
 
-/// A place on the scan's grid: the start plus this many sample steps.
+/// Sample steps over which the level at an end of the curve is averaged.
+const END: i32 = 8;
+
+/// A place on the scan's grid: the start plus this many half sample steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place(pub i32);
 
-/// All frames of one place, summed up.
+/// All frames of one place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// Where on the grid.
-    pub place: Place,
-    /// Frames taken there; 0 for an empty cell.
+    /// Where the frames lie on average, in places: a sweep does not stop on the grid.
+    pub x: f64,
+    /// Frames taken there.
     pub frames: u16,
-    /// How far the frames lie from the place on average, nm (a sweep does not stop on the grid).
-    pub off: f32,
     /// Mean of their values.
     pub mean: f64,
 }
 
-const EMPTY: Cell = Cell { place: Place(i32::MIN), frames: 0, off: 0.0, mean: 0.0 };
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    mean: f64,
+    off: f32,
+    place: i16,
+    frames: u16,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Bin {
+    mean: f32,
+    frames: u16,
+}
+
+/// The mean level over some frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Level {
+    /// Their mean.
+    pub mean: f64,
+    /// How many.
+    pub frames: u32,
+}
+
+/// A side of the range, or a direction of travel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Towards smaller z.
+    Low,
+    /// Towards larger z.
+    High,
+}
+
+impl Side {
+    /// −1 or 1.
+    pub fn sign(self) -> i32 {
+        match self {
+            Side::Low => -1,
+            Side::High => 1,
+        }
+    }
+
+    /// The opposite side.
+    pub fn other(self) -> Self {
+        match self {
+            Side::Low => Side::High,
+            Side::High => Side::Low,
+        }
+    }
+}
 
 /// The focus curve on a grid through the start.
 #[derive(Clone, Debug)]
 pub struct Curve {
     origin: i32,
-    step: i32,
-    first: Place,
-    last: Place,
-    cells: [Cell; CELLS],
-    lowest: Place,
-    highest: Place,
+    unit: i32,
+    first: i32,
+    last: i32,
+    seen: [i32; 2],
+    ends: [Level; 2],
     frames: u32,
+    travelled: i64,
+    here: i32,
     reference: f64,
+    floor: f64,
+    best: Option<(Place, f64)>,
     noise: Noise,
     trend: Trend,
+    rest: Trend,
+    revisits: Level,
+    slots: [Slot; CELLS],
+    bins: [Bin; Curve::BINS],
 }
 
 impl Curve {
-    /// An empty curve from `low` to `high`, whose grid goes through `origin`. `step` must be positive.
+    /// Bins of the coarse curve over the whole range.
+    pub const BINS: usize = 128;
+
+    /// An empty curve from `low` to `high`, whose grid goes through `origin`; `step` is at least [`STRIDE`] nm.
     pub fn new(origin: Nanometres, low: Nanometres, high: Nanometres, step: Nanometres) -> Self {
         Self {
             origin: origin.0,
-            step: step.0 / STRIDE,
-            first: Place((low.0 - origin.0) / step.0 * STRIDE),
-            last: Place((high.0 - origin.0) / step.0 * STRIDE),
-            cells: [EMPTY; CELLS],
-            lowest: Place(0),
-            highest: Place(0),
+            unit: step.0 / STRIDE,
+            first: (low.0 - origin.0) / step.0 * STRIDE,
+            last: (high.0 - origin.0) / step.0 * STRIDE,
+            seen: [0; 2],
+            ends: [Level::default(); 2],
             frames: 0,
+            travelled: 0,
+            here: 0,
             reference: 0.0,
+            floor: f64::MAX,
+            best: None,
             noise: Noise::default(),
             trend: Trend::default(),
+            rest: Trend::default(),
+            revisits: Level::default(),
+            slots: [Slot { mean: 0.0, off: 0.0, place: 0, frames: 0 }; CELLS],
+            bins: [Bin::default(); Self::BINS],
         }
     }
 
-    /// The lowest place of the range.
-    pub fn first(&self) -> Place {
-        self.first
+    /// The end of the range on one side.
+    pub fn limit(&self, side: Side) -> Place {
+        Place(if side == Side::Low { self.first } else { self.last })
     }
 
-    /// The highest place of the range.
-    pub fn last(&self) -> Place {
-        self.last
+    /// The farthest place that was visited on one side.
+    pub fn seen(&self, side: Side) -> Place {
+        Place(self.seen[side as usize])
     }
 
-    /// The lowest place that was visited.
-    pub fn lowest(&self) -> Place {
-        self.lowest
+    /// The level at the farthest place visited on one side; over a few steps if there is noise.
+    pub fn end(&self, side: Side) -> Level {
+        self.ends[side as usize]
     }
 
-    /// The highest place that was visited.
-    pub fn highest(&self) -> Place {
-        self.highest
+    /// Places not visited yet on one side.
+    pub fn ahead(&self, side: Side) -> i32 {
+        (self.limit(side).0 - self.seen(side).0) * side.sign()
     }
 
     /// Frames taken.
@@ -86,50 +153,14 @@ impl Curve {
         self.frames
     }
 
-    /// Where a place lies.
-    pub fn position(&self, place: Place) -> Nanometres {
-        Nanometres(self.origin + place.0 * self.step)
+    /// Sample steps travelled between frames.
+    pub fn travelled(&self) -> i64 {
+        self.travelled / i64::from(STRIDE)
     }
 
-    /// The place nearest to a position, within the range.
-    pub fn place(&self, z: Nanometres) -> Place {
-        let off = z.0 - self.origin;
-        let half = if off < 0 { -self.step / 2 } else { self.step / 2 };
-        Place((off + half) / self.step).clamp(self.first, self.last)
-    }
-
-    /// A length in whole places, rounded up.
-    pub fn places(&self, length: Nanometres) -> i32 {
-        (length.0 + self.step - 1) / self.step
-    }
-
-    /// Takes in one frame.
-    pub fn add(&mut self, z: Nanometres, value: FocusValue) {
-        let place = self.place(z);
-        let off = (z.0 - self.position(place).0) as f32;
-        if self.frames == 0 {
-            self.reference = value.0;
-        }
-        self.trend.add(f64::from(z.0 - self.origin) / f64::from(self.step), value.0 - self.reference);
-        let cell = &mut self.cells[index(place)];
-        if cell.place != place || cell.frames == 0 {
-            *cell = Cell { place, frames: 1, off, mean: value.0 };
-        } else if cell.frames < u16::MAX {
-            cell.frames += 1;
-            let before = cell.mean;
-            cell.mean += (value.0 - cell.mean) / f64::from(cell.frames);
-            let scale = if cell.mean < 0.0 { -cell.mean } else { cell.mean };
-            self.noise.add(value.0, before, cell.mean, scale);
-            cell.off += (off - cell.off) / f32::from(cell.frames);
-        }
-        self.lowest = self.lowest.min(place);
-        self.highest = self.highest.max(place);
-        self.frames += 1;
-    }
-
-    /// Noise of one frame, relative.
-    pub fn noise(&self) -> &Noise {
-        &self.noise
+    /// The place of the latest frame.
+    pub fn here(&self) -> Place {
+        Place(self.here)
     }
 
     /// The first value.
@@ -137,33 +168,198 @@ impl Curve {
         self.reference
     }
 
+    /// The lowest level that an end of the seen part ever had.
+    pub fn floor(&self) -> f64 {
+        self.floor
+    }
+
+    /// The highest place so far, smoothed over its neighbours if there is noise.
+    pub fn best(&self) -> Option<(Place, f64)> {
+        self.best
+    }
+
+    /// Noise of one frame.
+    pub fn noise(&self) -> &Noise {
+        &self.noise
+    }
+
     /// The line through everything seen.
     pub fn trend(&self) -> &Trend {
         &self.trend
     }
 
-    /// Mean over the places from `from` to `to` that are known, and the frames in it.
-    pub fn mean(&self, from: i32, to: i32) -> (f64, u32) {
-        let (mut sum, mut frames) = (0.0, 0);
-        for cell in (from..=to).filter_map(|p| self.at(Place(p))) {
-            sum += cell.mean * f64::from(cell.frames);
-            frames += u32::from(cell.frames);
+    /// The line through the frames at the start, by their number: light that drifts shows.
+    pub fn rest(&self) -> &Trend {
+        &self.rest
+    }
+
+    /// By how much the places that were visited again had changed, relative to their value: mean and count.
+    pub fn revisits(&self) -> Level {
+        self.revisits
+    }
+
+    /// Where a place lies.
+    pub fn position(&self, place: Place) -> Nanometres {
+        Nanometres(self.origin + place.0 * self.unit)
+    }
+
+    /// Where a fraction of a place lies.
+    pub fn exactly(&self, at: f64) -> Nanometres {
+        let nm = at * f64::from(self.unit);
+        Nanometres(self.origin + (if nm < 0.0 { nm - 0.5 } else { nm + 0.5 }) as i32)
+    }
+
+    /// The place nearest to a position, within the range.
+    pub fn place(&self, z: Nanometres) -> Place {
+        let off = z.0 - self.origin;
+        let half = if off < 0 { -self.unit / 2 } else { self.unit / 2 };
+        Place(((off + half) / self.unit).clamp(self.first, self.last))
+    }
+
+    /// A length in whole places, rounded up to full sample steps.
+    pub fn places(&self, length: Nanometres) -> i32 {
+        let step = self.unit * STRIDE;
+        length.0.saturating_add(step - 1) / step * STRIDE
+    }
+
+    /// Marks the way to `z` as visited, without a frame: a sweep's leg ended there.
+    pub fn visit(&mut self, z: Nanometres) {
+        let place = self.place(z).0;
+        self.seen = [self.seen[0].min(place), self.seen[1].max(place)];
+    }
+
+    /// Takes in one frame.
+    pub fn add(&mut self, z: Nanometres, value: FocusValue) {
+        let value = value.0;
+        let place = self.place(z).0;
+        let off = (z.0 - self.position(Place(place)).0) as f32 / self.unit as f32;
+        if self.frames == 0 {
+            self.reference = value;
         }
-        (if frames > 0 { sum / f64::from(frames) } else { 0.0 }, frames)
+        if self.travelled == 0 && place == 0 {
+            self.rest.add(f64::from(self.frames), value - self.reference);
+        }
+        self.frames += 1;
+        self.travelled += i64::from((place - self.here).abs());
+        self.trend.add(f64::from(z.0 - self.origin) / f64::from(self.unit), value - self.reference);
+        let moved = place != self.here;
+        self.here = place;
+
+        let slot = &mut self.slots[index(place)];
+        if slot.frames == 0 || i32::from(slot.place) != place {
+            *slot = Slot { mean: value, off, place: place as i16, frames: 1 };
+        } else {
+            let before = slot.mean;
+            let scale = magnitude(before);
+            slot.frames = slot.frames.saturating_add(1);
+            slot.mean += (value - slot.mean) / f64::from(slot.frames);
+            slot.off += (off - slot.off) / f32::from(slot.frames);
+            if moved && scale > 0.0 {
+                // A return: tells of drifting light, not of noise.
+                self.revisits.frames += 1;
+                self.revisits.mean += ((value - before) / scale - self.revisits.mean) / f64::from(self.revisits.frames);
+            } else {
+                let after = slot.mean;
+                self.noise.add(value, before, after, scale);
+            }
+        }
+        self.visit(z);
+        self.sum_up(place, value);
     }
 
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.
-    pub fn at(&self, place: Place) -> Option<&Cell> {
-        let cell = &self.cells[index(place)];
-        (cell.frames > 0 && cell.place == place).then_some(cell)
+    pub fn at(&self, place: Place) -> Option<Cell> {
+        let slot = &self.slots[index(place.0)];
+        (slot.frames > 0 && i32::from(slot.place) == place.0).then(|| Cell {
+            x: f64::from(place.0) + f64::from(slot.off),
+            frames: slot.frames,
+            mean: slot.mean,
+        })
     }
 
-    /// The largest mean that is still known.
-    pub fn best(&self) -> Option<&Cell> {
-        self.cells.iter().filter(|c| c.frames > 0).reduce(|a, b| if b.mean > a.mean { b } else { a })
+    /// The known places from `from` to `to`.
+    pub fn between(&self, from: Place, to: Place) -> impl Iterator<Item = (Place, Cell)> + '_ {
+        (from.0..=to.0).map(Place).filter_map(|p| self.at(p).map(|c| (p, c)))
+    }
+
+    /// Mean level of the known places from `from` to `to`.
+    pub fn level(&self, from: Place, to: Place) -> Level {
+        let (mut sum, mut frames) = (0.0, 0);
+        for (_, cell) in self.between(from, to) {
+            sum += cell.mean * f64::from(cell.frames);
+            frames += u32::from(cell.frames);
+        }
+        Level { mean: if frames > 0 { sum / f64::from(frames) } else { 0.0 }, frames }
+    }
+
+    /// The mean of a place and its neighbours a step away, weighted 1 : 2 : 1.
+    pub fn smooth(&self, place: Place) -> Option<f64> {
+        let middle = self.at(place)?.mean;
+        let side = |p: i32| self.at(Place(p)).map_or(middle, |c| c.mean);
+        Some(0.25 * (side(place.0 - STRIDE) + 2.0 * middle + side(place.0 + STRIDE)))
+    }
+
+    /// The variance of [`Curve::smooth`] at a place, if that of one frame is 1.
+    pub fn smooth_variance(&self, place: Place) -> f64 {
+        let (mut own, mut variance) = (0.5, 0.0);
+        for side in [-STRIDE, STRIDE] {
+            match self.at(Place(place.0 + side)) {
+                Some(cell) => variance += 0.0625 / f64::from(cell.frames),
+                None => own += 0.25,
+            }
+        }
+        self.at(place).map_or(1.0, |cell| variance + own * own / f64::from(cell.frames))
+    }
+
+    /// The coarse curve: the middle of bin `i` of [`Curve::BINS`], and the mean of its frames less the first value.
+    pub fn bin(&self, i: i32) -> Option<(Place, f32)> {
+        let bin = self.bins.get(usize::try_from(i).ok()?).filter(|b| b.frames > 0)?;
+        let width = self.bin_width();
+        Some((Place(self.first + i * width + width / 2), bin.mean))
+    }
+
+    fn bin_width(&self) -> i32 {
+        (self.last - self.first) / Self::BINS as i32 + 1
+    }
+
+    /// Keeps what must outlive the slots.
+    fn sum_up(&mut self, place: i32, value: f64) {
+        let width = self.bin_width();
+        let bin = &mut self.bins[((place - self.first) / width) as usize];
+        bin.frames = bin.frames.saturating_add(1);
+        bin.mean += ((value - self.reference) as f32 - bin.mean) / f32::from(bin.frames);
+
+        let quiet = self.noise.is_silent();
+        for side in [Side::Low, Side::High] {
+            if place == self.seen(side).0 {
+                let inner = place - if quiet { 0 } else { side.sign() * (END - 1) * STRIDE };
+                let level = self.level(Place(place.min(inner)), Place(place.max(inner)));
+                // A mean of equal values may differ from them by a rounding: silence must stay exact.
+                let mean = self.at(Place(place)).filter(|_| quiet).map_or(level.mean, |c| c.mean);
+                self.ends[side as usize] = Level { mean, ..level };
+                if mean < self.floor {
+                    self.floor = mean;
+                }
+            }
+        }
+
+        let reach = if quiet { 0 } else { STRIDE };
+        for p in (place - reach..=place + reach).map(Place) {
+            let smooth = if quiet { self.at(p).map(|c| c.mean) } else { self.smooth(p) };
+            if let Some(v) = smooth
+                && self.best.is_none_or(|(q, b)| q == p || v > b)
+            {
+                self.best = Some((p, v));
+            }
+        }
     }
 }
 
-fn index(place: Place) -> usize {
-    place.0.rem_euclid(CELLS as i32) as usize
+/// |x|, without `std`.
+pub fn magnitude(x: f64) -> f64 {
+    if x < 0.0 { -x } else { x }
+}
+
+fn index(place: i32) -> usize {
+    place.rem_euclid(CELLS as i32) as usize
 }

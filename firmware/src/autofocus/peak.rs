@@ -1,140 +1,134 @@
-//! Where the peak is, from the samples around it.
+//! Where the peak is, between the samples.
+//!
+//! Without noise the parabola through the highest sample and its neighbours is all there is to know. With noise each
+//! local maximum is fitted in windows that widen for as long as one smooth peak explains what they hold (χ², after
+//! Lepski 1991: the widest window that the data do not contradict has the least error). A narrow bump keeps its
+//! narrow window, a broad top gets a wide one; the highest lower confidence bound wins.
 
-use super::curve::{Curve, Place, STRIDE};
+use super::curve::{Cell, Curve, Place, STRIDE, magnitude};
+use super::fit::{self, Model};
 use super::noise::root;
 
-/// Half-widths of the windows, in places, that are tried one after the other.
+/// Half-widths of the windows, in places.
 const WINDOWS: [i32; 12] = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 88];
 
-/// A peak by its fit.
-#[derive(Clone, Copy, Debug)]
+/// Standard errors taken off a peak's height, because the highest of many was picked.
+const CAUTION: f64 = 3.0;
+
+/// Standard deviations of χ² above its mean at which a window is contradicted.
+const MISFIT: f64 = 2.5;
+
+/// What of the drop to its neighbours a peak may hide above the parabola through them, if it lies halfway between two
+/// samples: a Gaussian whose standard deviation is one sample step hides 0.086.
+const HIDDEN: f64 = 0.1;
+
+/// How far a sweep's samples may lie apart, in places.
+const APART: i32 = 64;
+
+/// A local maximum.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peak {
     /// Where, in places.
     pub at: f64,
     /// How high.
     pub value: f64,
-    /// Standard error of the height.
+    /// Standard error of the height, or what may be hidden between samples.
     pub error: f64,
-    /// Half-width of the window that was fitted.
+    /// Half-width of the window that the fit explains, in places.
     pub window: i32,
 }
 
-/// Finds the peak between two places. `sigma`: relative deviation of one frame.
-pub fn find(curve: &Curve, from: i32, to: i32, sigma: f64, bias: f64) -> Option<Peak> {
-    let mut best: Option<(Peak, f64)> = None;
-    if sigma == 0.0 {
-        let top = (from..=to).filter_map(|p| curve.at(Place(p))).reduce(|a, b| if b.mean > a.mean { b } else { a })?;
-        return Some(exact(curve, top.place.0, top.mean));
+/// The highest peak between two places.
+pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
+    let places = (from.0..=to.0).map(Place);
+    if curve.noise().is_silent() {
+        return places.filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
     }
-    for p in from..=to {
-        let Some(v) = smooth(curve, p) else { continue };
-        let higher = |q: i32| smooth(curve, q).is_some_and(|w| w > v);
-        if (1..=2 * STRIDE).any(|d| higher(p - d) || higher(p + d)) {
-            continue;
-        }
-        if let Some(peak) = fit(curve, p, sigma) {
-            let score = peak.value - bias * peak.error;
-            if best.is_none_or(|(_, s)| score > s) {
-                best = Some((peak, score));
-            }
-        }
+    let bound = |p: &Peak| p.value - CAUTION * p.error;
+    places
+        .filter(|p| is_local_maximum(curve, *p))
+        .filter_map(|p| widen(curve, p))
+        .reduce(|a, b| if bound(&b) > bound(&a) { b } else { a })
+}
+
+fn is_local_maximum(curve: &Curve, place: Place) -> bool {
+    let Some(value) = curve.smooth(place) else { return false };
+    let higher = |p: i32| curve.smooth(Place(p)).is_some_and(|v| v > value);
+    !(1..=2 * STRIDE).any(|d| higher(place.0 - d) || higher(place.0 + d))
+}
+
+/// The parabola's top at a place whose neighbours are not higher.
+pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
+    let middle = curve.at(place)?;
+    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
+    if low.mean > middle.mean || high.mean > middle.mean {
+        return None;
     }
-    best.map(|b| b.0)
+    let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
+    let peak = parabola(middle, low, high);
+    let halfway = 4.0 * (peak.at - middle.x) / (high.x - low.x);
+    Some(Peak { error: HIDDEN * drop * halfway * halfway, ..peak })
 }
 
-/// Mean of a place and its neighbours a step away, weighted 1 : 2 : 1.
-pub fn smooth(curve: &Curve, p: i32) -> Option<f64> {
-    let middle = curve.at(Place(p))?.mean;
-    let side = |q: i32| curve.at(Place(q)).map_or(middle, |c| c.mean);
-    Some(0.25 * (side(p - STRIDE) + 2.0 * middle + side(p + STRIDE)))
+/// The nearest known cell on one side.
+fn beside(curve: &Curve, place: Place, sign: i32) -> Option<Cell> {
+    (1..=APART).find_map(|d| curve.at(Place(place.0 + d * sign)))
 }
 
-/// The nearest known place on one side.
-fn beside(curve: &Curve, p: i32, side: i32) -> Option<(f64, f64)> {
-    (1..=STRIDE).find_map(|d| curve.at(Place(p + d * side))).map(|c| (f64::from(c.place.0 - p), c.mean))
-}
-
-fn exact(curve: &Curve, p: i32, value: f64) -> Peak {
-    let mut peak = Peak { at: f64::from(p), value, error: 0.0, window: 1 };
-    if let (Some((xl, l)), Some((xr, r))) = (beside(curve, p, -1), beside(curve, p, 1)) {
-        // The parabola through three points, by divided differences from the middle one.
-        let (sl, sr) = ((l - value) / xl, (r - value) / xr);
-        let bend = (sr - sl) / (xr - xl);
-        if bend < 0.0 {
-            let slope = sl - bend * xl;
-            let shift = -slope / (2.0 * bend);
-            if shift >= xl && shift <= xr {
-                peak.at += shift;
-                peak.value += 0.5 * slope * shift;
-            }
-        }
+/// The extremum of the parabola through three cells; the middle one where it has none between the others.
+pub fn parabola(middle: Cell, low: Cell, high: Cell) -> Peak {
+    let mut peak = Peak { at: middle.x, value: middle.mean, error: 0.0, window: 1 };
+    // Divided differences from the middle.
+    let (xl, xh) = (low.x - middle.x, high.x - middle.x);
+    let (sl, sh) = ((low.mean - middle.mean) / xl, (high.mean - middle.mean) / xh);
+    let bend = (sh - sl) / (xh - xl);
+    let slope = sl - bend * xl;
+    let shift = -slope / (2.0 * bend);
+    if shift >= xl && shift <= xh {
+        peak.at += shift;
+        peak.value += 0.5 * slope * shift;
     }
     peak
 }
 
-/// Widens the window while a peak with a curvature of its own on each side still explains what it holds.
-fn fit(curve: &Curve, p: i32, sigma: f64) -> Option<Peak> {
-    let mut at = f64::from(p);
-    let mut best: Option<Peak> = None;
-    if let Some(c) = curve.at(Place(p)) {
-        let narrow = exact(curve, p, c.mean);
-        at = narrow.at;
-        best = Some(Peak { error: sigma * c.mean.max(-c.mean) / root(f64::from(c.frames)), ..narrow });
-    }
-    for h in WINDOWS {
-        let c = round(at);
-        if curve.lowest().0 > c - h || curve.highest().0 < c + h {
-            if best.is_some() { break; }
-        }
-        let reach = (f64::from(h) * 0.5).min(8.0);
-        let steps = 8;
-        let mut least: Option<(f64, [f64; 3], f64, f64, f64)> = None;
-        for i in -steps..=steps {
-            let v = at + reach * f64::from(i) / f64::from(steps);
-            let Some((rss, k, n, e)) = solve(curve, c - h, c + h, v, sigma) else { continue };
-            if least.is_none_or(|l| rss < l.0) {
-                least = Some((rss, k, v, n, e));
-            }
-        }
-        let Some((rss, k, v, n, e)) = least else { break };
-        let freedom = n - 4.0;
-        if freedom > 0.0 && rss > freedom + 2.5 * root(2.0 * freedom) && best.is_some() {
+/// The widest window around a local maximum that one smooth peak explains.
+fn widen(curve: &Curve, place: Place) -> Option<Peak> {
+    let cell = curve.at(place)?;
+    let sigma = curve.noise().relative() * magnitude(cell.mean);
+    let mut best = match (beside(curve, place, -1), beside(curve, place, 1)) {
+        (Some(low), Some(high)) => parabola(cell, low, high),
+        _ => Peak { at: cell.x, value: cell.mean, error: 0.0, window: 1 },
+    };
+    best.error = sigma / root(f64::from(cell.frames));
+    let mut bend = None;
+    for half in WINDOWS {
+        let middle = Place((if best.at < 0.0 { best.at - 0.5 } else { best.at + 0.5 }) as i32);
+        let (from, to) = (Place(middle.0 - half), Place(middle.0 + half));
+        if curve.seen(super::curve::Side::Low) > from || curve.seen(super::curve::Side::High) < to {
             break;
         }
-        // Not a maximum: nothing to gain from this window.
-        if k[1] <= 0.0 && k[2] <= 0.0 { if best.is_some() { break; } else { continue; } }
-        at = v;
-        best = Some(Peak { at: v, value: k[0], error: e, window: h });
+        let model = Model { from, to, sigma, bend };
+        let Some(mut fit) = fit::smooth_peak(curve, &model, best.at) else { continue };
+        if fit.freedom > 0.0 && fit.misfit > fit.freedom + MISFIT * root(2.0 * fit.freedom) {
+            break;
+        }
+        let usable = |f: &fit::Fit| f.bend > 0.0 && magnitude(f.shift) < 0.5 * f64::from(half);
+        if !usable(&fit) {
+            // Too narrow to see the bend through the noise: a wider one may.
+            continue;
+        }
+        let mut at = best.at + fit.shift;
+        let again = Model { bend: Some(fit.bend), ..model };
+        if let Some(better) = fit::smooth_peak(curve, &again, at).filter(usable) {
+            fit = better;
+            at += fit.shift;
+        }
+        bend = Some(fit.bend);
+        if fit.error > best.error && best.error > 0.0 {
+            // Few frames far apart, as in a sweep: more terms than they can carry.
+            continue;
+        }
+        best = Peak { at, value: fit.top, error: fit.error, window: half };
     }
-    best
-}
-
-fn round(x: f64) -> i32 {
-    (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i32
-}
-
-/// Least squares of `a − l·(x−v)²₋ − r·(x−v)²₊`: χ², (a, l, r), places used, standard error of a.
-fn solve(curve: &Curve, from: i32, to: i32, v: f64, sigma: f64) -> Option<(f64, [f64; 3], f64, f64)> {
-    let (mut s0, mut sl, mut sr, mut sll, mut srr) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let (mut y0, mut yl, mut yr, mut yy, mut n) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let p = round(v);
-    let reference = curve.at(Place(p)).or_else(|| curve.at(Place(p + 1))).or_else(|| curve.at(Place(p - 1)))?.mean;
-    for cell in (from..=to).filter_map(|p| curve.at(Place(p))) {
-        let w = f64::from(cell.frames);
-        let x = f64::from(cell.place.0) - v;
-        let y = cell.mean - reference;
-        let q = x * x;
-        s0 += w; y0 += w * y; yy += w * y * y; n += 1.0;
-        if x < 0.0 { sl += w * q; sll += w * q * q; yl += w * q * y; } else { sr += w * q; srr += w * q * q; yr += w * q * y; }
-    }
-    if sll <= 0.0 || srr <= 0.0 { return None; }
-    // Eliminate l and r.
-    let d = s0 - sl * sl / sll - sr * sr / srr;
-    if d <= 1e-9 * s0 { return None; }
-    let a = (y0 - sl * yl / sll - sr * yr / srr) / d;
-    let l = -(yl - a * sl) / sll;
-    let r = -(yr - a * sr) / srr;
-    let rss = yy - a * y0 + l * yl + r * yr;
-    let s = sigma * if reference < 0.0 { -reference } else { reference };
-    Some((rss / (s * s), [a + reference, l, r], n, s / root(d)))
+    Some(best)
 }

@@ -91,7 +91,12 @@ fn a_blank_flash_holds_nothing() {
 fn everything_comes_back_after_a_restart() {
     let mut s = store(blank());
     let board = BoardSettings { host_timeout: Milliseconds(700), ..BoardSettings::default() };
-    let rest = [RestingPosition { steps: Steps(-123_456), known: true }, RestingPosition::default(), RestingPosition::default(), RestingPosition { steps: Steps(7), known: false }];
+    let rest = [
+        RestingPosition { steps: Steps(-123_456), known: true },
+        RestingPosition::default(),
+        RestingPosition::default(),
+        RestingPosition { steps: Steps(7), known: false },
+    ];
     for what in [Keep::Axis(2, axis(40)), Keep::Board(board), Keep::Position(Some(rest))] {
         block_on(s.keep(&what)).unwrap();
     }

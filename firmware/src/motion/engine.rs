@@ -5,6 +5,8 @@ use super::record::{LONGEST, RING, Record};
 use super::ring::WAKE;
 use super::swing::{AMPLITUDE, Quarter};
 use super::track::{Pulse, Track};
+use super::trigger::AHEAD;
+use heapless::Deque;
 use parfocal_protocol::units::{AXES, BoardTime};
 
 /// The step interrupt comes this often, ticks: 100 µs. At the top rate it lays 191 records, of a ring of 512.
@@ -19,6 +21,9 @@ pub const GAP: u64 = 210_000;
 /// Silence laid before the timers start, ticks.
 const START: u32 = 20 * LONGEST;
 
+/// Length of the silent period that timers begin with, ticks; record 0 begins after it.
+pub const FIRST: u32 = 168;
+
 /// Timer ticks a µs.
 pub const TICKS_PER_US: u64 = 84;
 
@@ -29,6 +34,17 @@ pub trait StepTimers {
 
     /// One update by software (EGR.UG, with its DMA request), which wakes a timer that stands at the guard.
     fn wake(&mut self, axis: usize);
+
+    /// CNT of an axis; lets the engine see whether DMA was ever too late for a record. `None` where it cannot be read.
+    fn count(&mut self, axis: usize) -> Option<u32> {
+        let _ = axis;
+        None
+    }
+
+    /// Gives a camera pulse `ticks` from now, at most two service intervals ahead.
+    fn trigger(&mut self, ticks: u32) {
+        let _ = ticks;
+    }
 
     /// A free-running counter at [`CLOCK_PER_TICK`] times the step timers' rate, e.g. the cycle counter. Wraps at 2³².
     fn clock(&mut self) -> u32;
@@ -69,7 +85,17 @@ pub struct Engine {
     gap: Option<Gap>,
     gaps: u32,
     running: bool,
+    /// Ticks that each timer's count is off the clock, since they were started.
+    skew: [Option<i64>; AXES],
+    /// The axis to be looked at next for records that DMA delivered too late.
+    look: usize,
+    late: Option<usize>,
+    /// Ticks of camera pulses to come.
+    triggers: Deque<u64, AHEAD>,
 }
+
+/// Ticks by which a timer may be off the clock: software reads one after the other. A record is longer.
+const OFF: i64 = 30;
 
 impl Default for Engine {
     fn default() -> Self {
@@ -92,6 +118,10 @@ impl Engine {
             gap: None,
             gaps: 0,
             running: false,
+            skew: [None; AXES],
+            look: 0,
+            late: None,
+            triggers: Deque::new(),
         }
     }
 
@@ -101,15 +131,15 @@ impl Engine {
     }
 
     /// Lays silence into every ring from slot 0, for streams that are not running; the caller then points the streams at
-    /// [`Self::ring`], starts them and all timers, and calls [`Self::service`] every [`SERVICE`] ticks. `clock` is
+    /// [`Self::ring`], starts them and all timers with a silent period of [`FIRST`] ticks at the levels of record 0, and calls [`Self::service`] every [`SERVICE`] ticks. `clock` is
     /// [`StepTimers::clock`] now.
     pub fn start(&mut self, now: BoardTime, clock: u32) {
         self.now = now.0 * TICKS_PER_US;
         self.behind = 0;
         (self.clock, self.rest) = (clock, 0);
-        (self.lead, self.dry) = (LEAD, None);
+        (self.lead, self.dry, self.skew) = (LEAD, None, [None; AXES]);
         for track in &mut self.tracks {
-            track.prepare(self.now, START);
+            track.prepare(self.now + u64::from(FIRST), START);
         }
         self.running = true;
     }
@@ -132,6 +162,8 @@ impl Engine {
             self.wake_when_all_stand(timers);
             return;
         }
+        self.compare(timers);
+        self.give_trigger(timers);
         // One horizon for all: should they run dry, then together.
         let mut horizon = self.now + self.lead;
         let mut full = self.now + LEAD;
@@ -148,6 +180,52 @@ impl Engine {
             }
         }
         self.lead = full.saturating_sub(self.now).clamp(u64::from(SERVICE), (self.lead + u64::from(SERVICE)).min(LEAD));
+    }
+
+    /// Had DMA not delivered a record by its turn, the one before would have been played again, and the timeline of its axis would
+    /// be behind from then on. Looks at one axis each time, while it plays a long record: then NDTR and CNT belong together.
+    fn compare(&mut self, timers: &mut impl StepTimers) {
+        let axis = self.look;
+        self.look = if axis + 1 < AXES { axis + 1 } else { 0 };
+        let Some(track) = self.tracks.get(axis) else { return };
+        if !track.plays_long() {
+            return;
+        }
+        let left = timers.left(axis);
+        let (Some(count), clock) = (timers.count(axis), timers.clock()) else { return };
+        // 4 µs after an update DMA has served the request.
+        if left != timers.left(axis) || !track.ring.is_at(left) || count < 336 {
+            return;
+        }
+        let now = self.now + u64::from(clock.wrapping_sub(self.clock) / CLOCK_PER_TICK);
+        let off = (track.played(None).1 + u64::from(count)).wrapping_sub(now) as i64;
+        if axis == 0 && self.skew[0].is_none() && off.abs() < i64::from(SERVICE) {
+            // Timers were started, or woken, a little after the clock was read: from now on both agree.
+            self.now = self.now.saturating_add_signed(off);
+            self.behind = self.behind.saturating_add_signed(-off);
+            self.skew = [Some(0), None, None, None];
+            return;
+        }
+        if let Some(skew) = self.skew.get_mut(axis) {
+            let was = *skew.get_or_insert(off);
+            if (off - was).abs() > OFF {
+                *skew = Some(off);
+                self.late = Some(axis);
+            }
+        }
+    }
+
+    /// Prepares the next camera pulse when it is near. One that is late is given at once.
+    fn give_trigger(&mut self, timers: &mut impl StepTimers) {
+        let Some(at) = self.triggers.front().filter(|at| **at < self.now + u64::from(2 * SERVICE)) else { return };
+        let passed = u64::from(timers.clock().wrapping_sub(self.clock) / CLOCK_PER_TICK);
+        timers.trigger(at.saturating_sub(self.now + passed) as u32);
+        self.triggers.pop_front();
+    }
+
+    /// An axis on which DMA was too late for a record since this was last asked: its steps are not what was planned.
+    pub fn take_late(&mut self) -> Option<usize> {
+        self.late.take()
     }
 
     fn tell_time(&mut self, clock: u32) {
@@ -185,6 +263,8 @@ impl Engine {
         let from = first.saturating_sub(u64::from(2 * WAKE + LONGEST));
         self.behind += self.now.saturating_sub(from);
         self.now = from;
+        // Waking takes its time, axis by axis.
+        self.skew = [None; AXES];
         let axis = self.dry.take().unwrap_or(0);
         if moving {
             self.gaps = self.gaps.wrapping_add(1);
@@ -258,13 +338,12 @@ impl Engine {
 
     /// Adds phases to an axis. False when they do not all fit, and then none is added.
     pub fn append(&mut self, axis: usize, phases: &[Phase]) -> bool {
-        let Some(track) = self.tracks.get_mut(axis) else { return false };
-        track.space() >= phases.len() && phases.iter().all(|p| track.append(*p))
+        self.tracks.get_mut(axis).is_some_and(|t| t.append(phases))
     }
 
     /// Cuts an axis' path at a tick not laid yet: `steps` edges remain of the phase there. False when more are laid.
     pub fn cut(&mut self, axis: usize, tick: u64, steps: u32) -> bool {
-        self.tracks.get_mut(axis).is_some_and(|t| t.end <= tick && t.cut(tick, steps))
+        self.tracks.get_mut(axis).is_some_and(|t| t.cut(tick, steps))
     }
 
     /// Edge times of the one vibration that goes on at a time.
@@ -272,9 +351,17 @@ impl Engine {
         &mut self.quarter
     }
 
-    /// Phases of an axis, the oldest first.
-    pub fn phases(&self, axis: usize) -> impl DoubleEndedIterator<Item = &Phase> {
-        self.tracks.get(axis).into_iter().flat_map(Track::phases)
+    /// Adds a camera pulse for a tick of an axis, behind those known. False when there is no room.
+    pub fn add_trigger(&mut self, axis: usize, tick: u64) -> bool {
+        let skew = self.skew.get(axis).copied().flatten().unwrap_or(0);
+        self.triggers.push_back(tick.saturating_add_signed(-skew)).is_ok()
+    }
+
+    /// Drops camera pulses from a tick on.
+    pub fn drop_triggers(&mut self, tick: u64) {
+        while self.triggers.back().is_some_and(|at| *at >= tick) {
+            self.triggers.pop_back();
+        }
     }
 
     /// The longest time that pulses stood still in a motion since this was last asked.

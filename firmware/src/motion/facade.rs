@@ -5,6 +5,7 @@ use super::homing::Homing;
 use super::lane::Lane;
 use super::limits;
 use super::switches::Debounce;
+use super::trigger::Triggers;
 use crate::ports::Board;
 use heapless::{Deque, Vec};
 use parfocal_protocol::message::{AxisStatus, MotionId, Refusal, StopCause, Trust};
@@ -26,11 +27,30 @@ pub enum MotionEvent {
         /// Why.
         cause: StopCause,
     },
+    /// A camera pulse was given.
+    Triggered {
+        /// Number of the pulse within its plan, from 0.
+        index: u16,
+        /// When.
+        time: BoardTime,
+        /// Where the axis was.
+        position: Nanometres,
+    },
     /// The emergency-stop input changed.
     EmergencyInput {
         /// Pressed?
         pressed: bool,
     },
+}
+
+/// How a move ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ending {
+    /// From the side that the axis' settings prefer.
+    #[default]
+    Approach,
+    /// Straight, whatever the settings prefer: for moves of a scan, whose last one alone decides.
+    Direct,
 }
 
 /// A move as it was asked for.
@@ -39,6 +59,7 @@ pub(super) struct Wish {
     pub id: MotionId,
     pub to: PerAxis<Option<Nanometres>>,
     pub speed: Option<MicrometresPerSecond>,
+    pub ending: Ending,
 }
 
 /// Motor counts that axes go to together; `None` rests.
@@ -92,6 +113,7 @@ pub struct Motion {
     pub(super) stopping: Option<StopCause>,
     pub(super) stopped: Option<StopCause>,
     pub(super) held: bool,
+    pub(super) triggers: Triggers,
     pub(super) emergency: bool,
     pub(super) emergency_input: Debounce,
     pub(super) emergency_wired: bool,
@@ -129,6 +151,7 @@ impl Motion {
             stopping: None,
             stopped: None,
             held: false,
+            triggers: Triggers::new(),
             emergency: false,
             emergency_input: Debounce::default(),
             emergency_wired: false,

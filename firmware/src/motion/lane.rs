@@ -1,8 +1,9 @@
 //! One axis' part in a motion: a path, and how many steps of this axis make a unit of it.
 
 use super::backlash::Play;
-use super::path::{Limits, Path, STRETCHES, State, count, phase};
+use super::path::{Limits, Path, STRETCHES};
 use super::phase::Phase;
+use super::stretch::{State, count};
 use heapless::Vec;
 
 /// Phases of one path.
@@ -61,7 +62,7 @@ impl Lane {
         let stretches = self.path.stretches();
         for (i, stretch) in stretches.iter().enumerate() {
             let behind = count(self.offset + stretch.end * self.scale, i + 1 == stretches.len());
-            if let Some(phase) = phase(stretch, self.scale, self.offset, begin, before, behind, self.up) {
+            if let Some(phase) = stretch.phase(self.scale, self.offset, begin, before, behind, self.up) {
                 // As many phases as stretches at most.
                 let _ = phases.push(phase);
             }
@@ -69,6 +70,29 @@ impl Lane {
             before = behind;
         }
         phases
+    }
+
+    /// The tick of the edge with which the count becomes `target`; its beginning if the count is that there; `None` if the path
+    /// does not get there.
+    pub fn tick_of(&self, target: i32) -> Option<u64> {
+        let ahead = f64::from(target.wrapping_sub(self.base));
+        let ahead = if self.up { ahead } else { -ahead };
+        if ahead == 0.0 {
+            return Some(self.begin);
+        }
+        if ahead < 0.0 {
+            return None;
+        }
+        let mut begin = self.begin;
+        let stretches = self.path.stretches();
+        for (i, s) in stretches.iter().enumerate() {
+            if count(self.offset + s.end * self.scale, i + 1 == stretches.len()) >= ahead {
+                let on = ahead - 0.5 - (self.offset + s.p * self.scale);
+                return Some(begin + (s.time_of(self.scale, on.max(0.0)) + 0.5) as u64);
+            }
+            begin += s.ticks;
+        }
+        None
     }
 
     /// Edges that the stretch at `tick` has before it.

@@ -53,6 +53,16 @@ pub fn acos_turn(x: f64) -> f64 {
     8.0 * z * sum / core::f64::consts::TAU
 }
 
+/// cos(x · π/2) for x in 0..=1.
+pub fn cos_quarter(x: f64) -> f64 {
+    let square = x * x * core::f64::consts::FRAC_PI_2 * core::f64::consts::FRAC_PI_2;
+    let mut sum = 1.0;
+    for n in (1..13u32).rev() {
+        sum = 1.0 - sum * square / f64::from(2 * n * (2 * n - 1));
+    }
+    sum
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
@@ -69,6 +79,11 @@ mod tests {
         #[test]
         fn turns_are_exact(x in 0.0f64..1.0) {
             prop_assert!((acos_turn(x) * std::f64::consts::TAU - x.acos()).abs() < 1e-14);
+        }
+
+        #[test]
+        fn cosines_are_exact(x in 0.0f64..1.0) {
+            prop_assert!((cos_quarter(x) - (x * std::f64::consts::FRAC_PI_2).cos()).abs() < 1e-15);
         }
 
         #[test]

@@ -5,9 +5,11 @@
 //! Nothing here knows the hardware: see [`crate::ports::Board`] and [`engine::StepTimers`].
 
 mod backlash;
+mod edges;
 pub mod engine;
 mod facade;
 mod homing;
+mod jog;
 pub mod lane;
 pub mod limits;
 pub mod math;
@@ -18,10 +20,13 @@ pub mod playback;
 mod poll;
 pub mod record;
 mod ring;
+mod stops;
+pub mod stretch;
 mod swing;
 mod switches;
 pub mod track;
+mod trigger;
 
 pub use engine::{Engine, SERVICE, StepTimers};
-pub use facade::{Motion, MotionEvent};
+pub use facade::{Ending, Motion, MotionEvent};
 pub use record::{RING, Record};

@@ -1,23 +1,19 @@
 //! Moves: planned here, handed to the engine, stopped and held.
 
-use super::engine::TICKS_PER_US;
-use super::facade::{Known, Leg, Motion, MotionEvent, Task, Wish};
+use super::facade::{Ending, Leg, Motion, Task, Wish};
 use super::homing::Homing;
 use super::lane::Lane;
 use super::limits::{self, RECORDS_PER_SECOND, TICKS};
 use super::math::sqrt;
-use super::path::{Limits, Path, State};
+use super::path::{Limits, Path};
 use super::swing::Swinging;
 use crate::ports::Board;
 use heapless::Vec;
-use parfocal_protocol::message::{Field, MotionId, Refusal, StopCause, Trust};
+use parfocal_protocol::message::{Field, MotionId, Refusal};
 use parfocal_protocol::settings::Side;
 use parfocal_protocol::units::{
     AXES, Axis, BoardTime, Hertz, MicrometresPerSecond, Nanometres, PerAxis, StepsPerMicrometre,
 };
-
-/// Between the records laid and the tick at which a changed path may begin, ticks: time to plan it, 0.5 ms.
-const PLANNING: u64 = 500 * TICKS_PER_US;
 
 /// Between the records laid and the first path from rest, ticks: DIR's setup fits in.
 const BEGINNING: u64 = 2_000;
@@ -41,6 +37,7 @@ impl Motion {
         board: &mut impl Board,
         to: &PerAxis<Option<Nanometres>>,
         speed: Option<MicrometresPerSecond>,
+        ending: Ending,
     ) -> Result<MotionId, Refusal> {
         let waits = match &self.task {
             _ if self.emergency => return Err(Refusal::Emergency),
@@ -70,7 +67,7 @@ impl Motion {
         }
         self.straight(&from, &goal, speed)?;
         let id = self.next_id();
-        let wish = Wish { id, to: *to, speed };
+        let wish = Wish { id, to: *to, speed, ending };
         let _ = self.queue.push_back(wish);
         if !waits {
             self.next_move(now, board);
@@ -92,7 +89,8 @@ impl Motion {
             let from = known.seen.wrapping_sub(known.play.slack);
             let to = known.settings.steps_per_um.steps(to).0;
             let overshoot = (super::backlash::OVERSHOOT_UM * scale + 0.5) as i32 + known.play.width;
-            let legs = known.play.legs(from, to, known.settings.approach, overshoot);
+            let side = known.settings.approach.filter(|_| wish.ending == Ending::Approach);
+            let legs = known.play.legs(from, to, side, overshoot);
             (take_up[index], main[index], approach[index]) = (legs.take_up, legs.main, legs.approach);
             if legs.approach.is_some() {
                 let far = f64::from(overshoot) / scale;
@@ -249,62 +247,6 @@ impl Motion {
         })
     }
 
-    /// Keeps an axis moving at a speed until told otherwise, or to its soft limit; 0 decelerates. Other axes that jog go on.
-    ///
-    /// # Errors
-    /// [`Refusal::OutOfRange`], [`Refusal::BeyondLimit`] for a direction in which nothing is left, [`Refusal::AtHardLimit`],
-    /// [`Refusal::Busy`] while something else goes on, [`Refusal::Emergency`], [`Refusal::NoSuchAxis`].
-    pub fn jog(
-        &mut self,
-        now: BoardTime,
-        board: &mut impl Board,
-        axis: Axis,
-        speed: MicrometresPerSecond,
-    ) -> Result<MotionId, Refusal> {
-        let index = axis.index().ok_or(Refusal::NoSuchAxis { axis })?;
-        if !speed.0.is_finite() {
-            return Err(Refusal::NotANumber);
-        }
-        if self.emergency {
-            return Err(Refusal::Emergency);
-        }
-        let jogs = matches!(self.task, Task::Jog { .. }) && self.stopping.is_none();
-        if !(jogs || self.resting() && self.queue.is_empty()) {
-            return Err(Refusal::Busy);
-        }
-        let settings = self.known(index).settings;
-        let scale = f64::from(settings.steps_per_um.0);
-        let (low, high) = (limits::SLOWEST / scale, f64::from(settings.speed.0));
-        let um_s = f64::from(speed.0.abs());
-        if um_s != 0.0 && !(um_s >= low && um_s <= high) {
-            return Err(Refusal::OutOfRange { field: Field::Speed, low: low as f32, high: high as f32 });
-        }
-        let side = if speed.0 > 0.0 { Side::High } else { Side::Low };
-        if um_s != 0.0 {
-            let stage = self.stage(index, board.pulses(|engine| engine.steps(index)));
-            let here = settings.steps_per_um.nanometres(parfocal_protocol::units::Steps(stage));
-            if (side == Side::High && here >= settings.high) || (side == Side::Low && here <= settings.low) {
-                return Err(Refusal::BeyondLimit { axis, low: settings.low, high: settings.high });
-            }
-            if self.pressed(index, side) {
-                return Err(Refusal::AtHardLimit { axis, side });
-            }
-        }
-        if !matches!(self.task, Task::Jog { .. }) {
-            self.running = self.next_id();
-            self.stopped = None;
-            self.track_play(board);
-            self.task = Task::Jog { wanted: [0.0; AXES] };
-        }
-        if let Task::Jog { wanted } = &mut self.task
-            && let Some(wanted) = wanted.get_mut(index)
-        {
-            *wanted = f64::from(speed.0) * scale / TICKS;
-        }
-        self.steer(now, board, index);
-        Ok(self.running)
-    }
-
     /// Swings an axis around where it rests: amplitude · cos(2π · frequency · t), `cycles` times, from a turning point that a
     /// move leads to and from.
     ///
@@ -361,207 +303,4 @@ impl Motion {
         }
         Ok(())
     }
-
-    /// Stops everything, decelerated, and forgets what waits. [`MotionEvent::Stopped`] follows when all is at rest.
-    pub fn stop(&mut self, now: BoardTime, board: &mut impl Board, cause: StopCause) {
-        let _ = now;
-        self.queue.clear();
-        self.held = false;
-        if self.resting() || self.stopping.is_some() {
-            return;
-        }
-        self.stopping = Some(cause);
-        if let Task::Line { then, .. } = &mut self.task {
-            then.clear();
-        }
-        self.slow_down(board, [true; AXES]);
-    }
-
-    /// Feed hold: decelerates along the path and keeps what is to come. Anything but moves and jogs is stopped.
-    pub fn hold(&mut self, now: BoardTime, board: &mut impl Board) {
-        match self.task {
-            Task::Line { .. } | Task::Jog { .. } => {
-                if !self.held && self.stopping.is_none() {
-                    self.held = true;
-                    self.slow_down(board, [true; AXES]);
-                }
-            }
-            Task::Rest => self.held = true,
-            Task::Swing(_) | Task::Home(_) => self.stop(now, board, StopCause::Asked),
-        }
-    }
-
-    /// Goes on after a hold, as soon as everything rests.
-    pub fn resume(&mut self) {
-        self.held = false;
-    }
-
-    /// Lets axes slow down from as early a tick as can be.
-    pub(super) fn slow_down(&mut self, board: &mut impl Board, axes: [bool; AXES]) {
-        if let Task::Swing(swinging) = &mut self.task {
-            swinging.stop();
-        }
-        let mut margin = PLANNING;
-        for _ in 0..4 {
-            let tick = board.pulses(|engine| engine.laid(axes)) + margin;
-            let plans: [Option<Lane>; AXES] = core::array::from_fn(|i| {
-                self.known(i).lane.as_ref().filter(|_| axes[i]).and_then(|lane| lane.stopping(tick))
-            });
-            if self.splice(board, tick, plans) {
-                return;
-            }
-            margin *= 2;
-        }
-    }
-
-    /// Replaces the paths of some axes from a tick on. False when it was too late for that.
-    pub(super) fn splice(&mut self, board: &mut impl Board, tick: u64, plans: [Option<Lane>; AXES]) -> bool {
-        let phases: [_; AXES] = core::array::from_fn(|i| plans[i].as_ref().map(Lane::phases));
-        let before: [u32; AXES] =
-            core::array::from_fn(|i| self.known(i).lane.as_ref().map_or(0, |lane| lane.steps_before(tick)));
-        let done = board.pulses(|engine| {
-            if engine.laid(core::array::from_fn(|i| phases[i].is_some())) > tick {
-                return false;
-            }
-            let mut all = true;
-            for (index, (phases, before)) in phases.iter().zip(before).enumerate() {
-                if let Some(phases) = phases {
-                    all &= engine.cut(index, tick, before) && engine.append(index, phases);
-                }
-            }
-            all
-        });
-        if done {
-            for (known, plan) in self.axes.iter_mut().zip(plans) {
-                if let Some(plan) = plan {
-                    known.past = known.lane.replace(plan);
-                }
-            }
-        }
-        done
-    }
-
-    /// Gives an axis that jogs the path to the speed wanted of it.
-    pub(super) fn steer(&mut self, now: BoardTime, board: &mut impl Board, index: usize) {
-        let Task::Jog { wanted } = &self.task else { return };
-        let wanted = wanted.get(index).copied().unwrap_or(0.0);
-        let moving = board.pulses(|engine| engine.busy(index));
-        if !moving {
-            self.track_play(board);
-            if wanted != 0.0 && !self.held && self.stopping.is_none() {
-                let known = self.known(index);
-                let distance = known.to_limit(wanted > 0.0);
-                let limits = Limits { v: wanted.abs(), ..limits::in_ticks(&known.settings) };
-                if distance > 0.0
-                    && let Some(path) = Path::rest_to_rest(distance, limits)
-                {
-                    self.set_lane(index, path, if wanted > 0.0 { 1.0 } else { -1.0 }, limits);
-                    self.launch(now, board);
-                }
-            }
-            return;
-        }
-        let mut margin = PLANNING;
-        for _ in 0..4 {
-            let Some(lane) = &self.known(index).lane else { return };
-            let mut axes = [false; AXES];
-            axes[index] = true;
-            let tick = board.pulses(|engine| engine.laid(axes)) + margin;
-            let same_way = wanted != 0.0 && (wanted > 0.0) == lane.up;
-            let next = if same_way { faster_or_slower(lane, tick, wanted.abs()) } else { lane.stopping(tick) };
-            let Some(next) = next else { return };
-            let mut plans = [const { None }; AXES];
-            plans[index] = Some(next);
-            if self.splice(board, tick, plans) {
-                return;
-            }
-            margin *= 2;
-        }
-    }
-
-    /// Outputs off at once. Positions stay counted; those of axes that moved are no longer trusted.
-    pub fn emergency(&mut self, now: BoardTime, board: &mut impl Board) {
-        let moved: [bool; AXES] = core::array::from_fn(|i| board.pulses(|engine| engine.busy(i)));
-        board.outputs_off();
-        let _ = now;
-        self.emergency = true;
-        self.queue.clear();
-        self.held = false;
-        self.abandon(board, moved, StopCause::Emergency);
-    }
-
-    /// The pulses have ended, as they are: takes note, and tells.
-    pub(super) fn abandon(&mut self, board: &mut impl Board, moved: [bool; AXES], cause: StopCause) {
-        self.track_play(board);
-        for (known, moved) in self.axes.iter_mut().zip(moved) {
-            if moved {
-                known.trust = Trust::Lost;
-            }
-            (known.lane, known.past) = (None, None);
-        }
-        (self.quiet, self.stopping) = (None, None);
-        self.queue.clear();
-        if !matches!(core::mem::take(&mut self.task), Task::Rest) {
-            self.stopped = Some(cause);
-            self.tell(MotionEvent::Stopped { motion: self.running, cause });
-        }
-    }
-
-    /// Ends the emergency: outputs on again, nothing moves.
-    ///
-    /// # Errors
-    /// [`Refusal::Emergency`] while the input is pressed.
-    pub fn clear_emergency(&mut self, now: BoardTime, board: &mut impl Board) -> Result<(), Refusal> {
-        let pressed = self.emergency_wired && board.inputs().emergency;
-        let _ = now;
-        if pressed {
-            return Err(Refusal::Emergency);
-        }
-        if core::mem::take(&mut self.emergency) {
-            board.outputs_on();
-        }
-        Ok(())
-    }
-}
-
-impl Known {
-    /// Motor steps to the soft limit on a side, play included; not positive when there are none.
-    fn to_limit(&self, up: bool) -> f64 {
-        let s = &self.settings;
-        let stage = f64::from(self.seen.wrapping_sub(self.play.slack));
-        if up {
-            f64::from(s.steps_per_um.steps(s.high).0) - stage + f64::from(self.play.width - self.play.slack)
-        } else {
-            stage - f64::from(s.steps_per_um.steps(s.low).0) + f64::from(self.play.slack)
-        }
-    }
-}
-
-/// The lane that goes on from `tick` at speed `v`, to where this one ends.
-fn faster_or_slower(lane: &Lane, tick: u64, v: f64) -> Option<Lane> {
-    if tick >= lane.end() {
-        return None;
-    }
-    let from = State { p: 0.0, ..lane.path.state(tick - lane.begin) };
-    let left = lane.path.length() - lane.path.state(tick - lane.begin).p;
-    // Slower tries, should the end be too near for the speed.
-    let mut v = v;
-    for _ in 0..6 {
-        let mut path = Path::default();
-        path.ramp(from, v, lane.limits)?;
-        let mut rest = Path::default();
-        rest.ramp(State { p: 0.0, v, a: 0.0 }, 0.0, lane.limits)?;
-        let cruise = left - path.length() - rest.length();
-        if cruise >= 0.0 {
-            let top = State { p: path.length(), v, a: 0.0 };
-            let ticks = (cruise / v) as u64;
-            path.cruise(top, ticks);
-            path.ramp(State { p: path.length(), v, a: 0.0 }, 0.0, lane.limits)?;
-            let mut next = lane.then(tick, path);
-            next.limits.v = v;
-            return Some(next);
-        }
-        v /= 2.0;
-    }
-    lane.stopping(tick)
 }

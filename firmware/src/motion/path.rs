@@ -4,8 +4,8 @@
 //! from rest to rest. Here the durations are rounded up to whole ticks first and the jerk follows from them, so that a path is
 //! told by a few integers and keeps every limit.
 
-use super::math::{cbrt, ceil_ticks, floor, sqrt};
-use super::phase::{Cubic, Phase, Shape};
+use super::math::{cbrt, ceil_ticks, sqrt};
+use super::stretch::{State, Stretch};
 use heapless::Vec;
 
 /// Largest speed, acceleration and jerk, in units of the path per tick, tick², tick³.
@@ -19,42 +19,11 @@ pub struct Limits {
     pub j: f64,
 }
 
-/// A stretch of constant jerk.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Stretch {
-    /// How long, ticks.
-    pub ticks: u64,
-    /// Distance, speed and acceleration at its beginning.
-    pub p: f64,
-    /// Speed, units per tick.
-    pub v: f64,
-    /// Acceleration.
-    pub a: f64,
-    /// Jerk.
-    pub j: f64,
-    /// Distance at its end.
-    pub end: f64,
-}
-
 /// Stretches of a path.
 pub const STRETCHES: usize = 7;
 
 /// Longest duration of a stretch that is not cruise, ticks: 25 s.
 const LONGEST_RAMP: u64 = (1 << 31) - 1;
-
-/// An edge so near to the end of a motion, in steps, is not made: there the path is so slow that its time means nothing.
-const REST: f64 = 1.0 / 4096.0;
-
-/// Where a path is at some tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct State {
-    /// Distance.
-    pub p: f64,
-    /// Speed.
-    pub v: f64,
-    /// Acceleration.
-    pub a: f64,
-}
 
 /// Distance over time, never decreasing.
 #[derive(Clone, Debug, Default)]
@@ -135,13 +104,10 @@ impl Path {
     }
 
     fn go(&mut self, from: State, ticks: u64, j: f64) -> State {
-        let t = ticks as f64;
-        let to = State {
-            p: from.p + t * (from.v + t * (from.a / 2.0 + t * j / 6.0)),
-            v: from.v + t * (from.a + t * j / 2.0),
-            a: from.a + t * j,
-        };
-        self.add(Stretch { ticks, p: from.p, v: from.v, a: from.a, j, end: to.p });
+        let mut stretch = Stretch { ticks, p: from.p, v: from.v, a: from.a, j, end: 0.0 };
+        let to = stretch.state(ticks);
+        stretch.end = to.p;
+        self.add(stretch);
         to
     }
 
@@ -178,12 +144,7 @@ impl Path {
         let mut left = ticks;
         for s in &self.stretches {
             if left < s.ticks {
-                let t = left as f64;
-                return State {
-                    p: s.p + t * (s.v + t * (s.a / 2.0 + t * s.j / 6.0)),
-                    v: s.v + t * (s.a + t * s.j / 2.0),
-                    a: s.a + t * s.j,
-                };
+                return s.state(left);
             }
             left -= s.ticks;
         }
@@ -203,90 +164,4 @@ fn durations(length: f64, limits: Limits) -> (f64, f64, f64) {
     let b = a * a / j;
     let top = (sqrt(b * b + 4.0 * a * length) - b) / 2.0;
     if top * j < a * a { (cbrt(length / (2.0 * j)), 0.0, 0.0) } else { (a / j, top / a - a / j, 0.0) }
-}
-
-/// Counts passed at a distance, of a motion that goes on, or rests there.
-pub fn count(distance: f64, rests: bool) -> f64 {
-    floor(distance + 0.5 - if rests { REST } else { 0.0 }).max(0.0)
-}
-
-/// One stretch as an axis plays it: `scale` steps per unit of the path, which starts `offset` steps off a count, beginning at
-/// tick `begin`, the counts passed before and behind it. `None` when no edge lies in it.
-pub fn phase(s: &Stretch, scale: f64, offset: f64, begin: u64, before: f64, behind: f64, up: bool) -> Option<Phase> {
-    let steps = (behind - before) as u32;
-    if steps == 0 {
-        return None;
-    }
-    let (start, end) = (s.p * scale + offset, s.end * scale + offset);
-    let near = before + 0.5 - start;
-    let v = s.v * scale;
-    if s.a == 0.0 && s.j == 0.0 {
-        let interval = 1.0 / v;
-        return Some(Phase {
-            begin,
-            ticks: s.ticks,
-            steps,
-            up,
-            first: fixed((near * interval).max(0.0)),
-            shape: Shape::Even { interval: fixed(interval) },
-        });
-    }
-    let t = s.ticks as f64;
-    let (a, j) = (s.a * scale, s.j * scale);
-    let (v_end, a_end) = (v + t * (a + t * j / 2.0), a + t * j);
-    let reversed = v_end < v;
-    let shift = 64 - s.ticks.leading_zeros();
-    let unit = (1u64 << shift) as f64;
-    // Backwards in time from the end: the speed is the same, the acceleration's sign turns, the jerk's stays.
-    let (v, a) = if reversed { (v_end.max(0.0), -a_end) } else { (v, a) };
-    let c = [v * unit, a * unit * unit / 2.0, j * unit * unit * unit / 6.0];
-    let near = if reversed { end - (behind - 0.5) } else { near };
-    let far = near + f64::from(steps - 1);
-    let y = solve(c, if reversed { far } else { near }, t / unit);
-    let first = if reversed { t - y * unit } else { y * unit };
-    Some(Phase {
-        begin,
-        ticks: s.ticks,
-        steps,
-        up,
-        first: fixed(first.max(0.0)),
-        shape: Shape::Curved(Cubic {
-            ticks: s.ticks as u32,
-            shift,
-            reversed,
-            near: (near * 4_294_967_296.0) as i64,
-            c: c.map(|c| (c * 4_294_967_296.0) as i64),
-            f: c.map(|c| c as f32),
-        }),
-    })
-}
-
-fn fixed(ticks: f64) -> u64 {
-    (ticks * 4_294_967_296.0 + 0.5) as u64
-}
-
-/// y in 0..=end at which c₁y + c₂y² + c₃y³, which does not decrease there, reaches `target`: bisection in single precision, then
-/// Newton.
-fn solve(c: [f64; 3], target: f64, end: f64) -> f64 {
-    let [c1, c2, c3] = c;
-    let [f1, f2, f3] = c.map(|c| c as f32);
-    let (mut low, mut high) = (0.0f32, end as f32);
-    for _ in 0..20 {
-        let y = 0.5 * (low + high);
-        if y * (f1 + y * (f2 + y * f3)) < target as f32 { low = y } else { high = y }
-    }
-    let mut y = f64::from(high);
-    for _ in 0..6 {
-        let off = target - y * (c1 + y * (c2 + y * c3));
-        let slope = c1 + y * (2.0 * c2 + y * 3.0 * c3);
-        if slope <= 0.0 {
-            break;
-        }
-        let change = off / slope;
-        y = (y + change).clamp(0.0, end);
-        if change < end * 1e-11 && change > -end * 1e-11 {
-            break;
-        }
-    }
-    y
 }

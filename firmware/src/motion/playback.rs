@@ -1,7 +1,8 @@
 //! The step timers and their DMA in software: plays the rings as the hardware does, for the simulator and for tests.
 
-use super::engine::{CLOCK_PER_TICK, Engine, StepTimers};
+use super::engine::{CLOCK_PER_TICK, Engine, FIRST, StepTimers};
 use super::record::{RING, Record};
+use heapless::Deque;
 use parfocal_protocol::units::AXES;
 
 /// What an output did.
@@ -22,6 +23,10 @@ pub struct Change {
 pub struct Playback {
     axes: [Timer; AXES],
     tick: u64,
+    /// Ticks of camera pulses given.
+    pulses: Deque<u64, 64>,
+    /// Most ticks between a request and the record's arrival.
+    latency: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -35,18 +40,19 @@ struct Timer {
     step: bool,
     dir: bool,
     wake: bool,
+    /// Ticks until the request that stands is served.
+    due: Option<u32>,
+    /// Draws the latencies.
+    random: u32,
 }
 
 impl Playback {
-    /// Ticks for which each timer is silent before record 0.
-    pub const FIRST: u32 = 168;
-
     /// Streams at slot 0, timers about to start.
     pub fn new(engine: &Engine) -> Self {
         let axes = core::array::from_fn(|axis| {
             let ring = engine.ring(axis);
             Timer {
-                active: Record::hold(Self::FIRST, false, 0),
+                active: Record::pulse(FIRST, ring[0].ccr1, ring[0].ccr2),
                 preload: ring[0],
                 fifo: ring[1],
                 fetched: 1,
@@ -54,9 +60,17 @@ impl Playback {
                 step: false,
                 dir: false,
                 wake: false,
+                due: None,
+                random: 1 + axis as u32,
             }
         });
-        Self { axes, tick: 0 }
+        Self { axes, tick: 0, pulses: Deque::new(), latency: 0 }
+    }
+
+    /// From now on every record arrives up to so many ticks after it was asked for, drawn evenly. A request that
+    /// still stands at the next update is lost, as on the chip: the record before is played again.
+    pub fn set_latency(&mut self, ticks: u32) {
+        self.latency = ticks;
     }
 
     /// Ticks since the start.
@@ -67,16 +81,17 @@ impl Playback {
     /// Lets `ticks` pass and tells what changed, axis by axis.
     pub fn play(&mut self, engine: &Engine, ticks: u64, mut changed: impl FnMut(Change)) {
         let end = self.tick + ticks;
+        let (start, latency) = (self.tick, self.latency);
         for (axis, timer) in self.axes.iter_mut().enumerate() {
-            timer
-                .play(engine.ring(axis), self.tick, end, |tick, step, high| changed(Change { tick, axis, step, high }));
+            let told = |tick, step, high| changed(Change { tick, axis, step, high });
+            timer.play(engine.ring(axis), latency, start, end, told);
         }
         self.tick = end;
     }
 
-    /// CNT of an axis.
-    pub fn count(&self, axis: usize) -> u32 {
-        self.axes.get(axis).map_or(0, |t| t.count)
+    /// The next camera pulse given, ticks since the start; the oldest of 64 kept.
+    pub fn camera_pulse(&mut self) -> Option<u64> {
+        self.pulses.pop_front()
     }
 
     /// Whether an axis' timer stands.
@@ -86,10 +101,20 @@ impl Playback {
 }
 
 impl Timer {
-    fn play(&mut self, ring: &[Record; RING], mut now: u64, end: u64, mut changed: impl FnMut(u64, bool, bool)) {
+    fn play(
+        &mut self,
+        ring: &[Record; RING],
+        latency: u32,
+        mut now: u64,
+        end: u64,
+        mut changed: impl FnMut(u64, bool, bool),
+    ) {
         loop {
             if core::mem::take(&mut self.wake) {
-                self.update(ring);
+                self.update(latency);
+            }
+            if self.due == Some(0) {
+                self.serve(ring);
             }
             let high = self.count < self.active.ccr1;
             if high != self.step {
@@ -101,23 +126,42 @@ impl Timer {
                 self.dir = dir;
                 changed(now, false, dir);
             }
-            if now >= end || self.active.arr == 0 {
+            let stands = self.active.arr == 0;
+            if now >= end || (stands && self.due.is_none()) {
                 return;
             }
             let period = self.active.arr + 1;
             let next = if self.count < self.active.ccr1 { self.active.ccr1.min(period) } else { period };
-            let step = u64::from(next - self.count).min(end - now);
+            let mut step = end - now;
+            if !stands {
+                step = step.min(u64::from(next - self.count));
+            }
+            if let Some(due) = &mut self.due {
+                step = step.min(u64::from(*due));
+                *due -= step as u32;
+            }
             now += step;
-            self.count += step as u32;
-            if self.count == period {
-                self.update(ring);
+            if !stands {
+                self.count += step as u32;
+                if self.count == period {
+                    self.update(latency);
+                }
             }
         }
     }
 
-    fn update(&mut self, ring: &[Record; RING]) {
+    /// The next record plays, and another is asked for.
+    fn update(&mut self, latency: u32) {
         self.count = 0;
         self.active = self.preload;
+        // Numerical Recipes' quick generator: any spread will do.
+        self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        self.due.get_or_insert((self.random >> 8) % (latency + 1));
+    }
+
+    /// DMA transfers a record.
+    fn serve(&mut self, ring: &[Record; RING]) {
+        self.due = None;
         self.preload = self.fifo;
         self.fetched = (self.fetched + 1) % RING;
         self.fifo = ring[self.fetched];
@@ -133,6 +177,17 @@ impl StepTimers for Playback {
         if let Some(timer) = self.axes.get_mut(axis) {
             timer.wake = true;
         }
+    }
+
+    fn count(&mut self, axis: usize) -> Option<u32> {
+        self.axes.get(axis).map(|t| t.count)
+    }
+
+    fn trigger(&mut self, ticks: u32) {
+        if self.pulses.is_full() {
+            self.pulses.pop_front();
+        }
+        let _ = self.pulses.push_back(self.tick + u64::from(ticks));
     }
 
     fn clock(&mut self) -> u32 {

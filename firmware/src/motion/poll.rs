@@ -4,7 +4,7 @@ use super::engine::GAP;
 use super::facade::{Motion, MotionEvent, Task};
 use super::homing::Stage;
 use crate::ports::Board;
-use parfocal_protocol::message::StopCause;
+use parfocal_protocol::message::{StopCause, Trust};
 use parfocal_protocol::settings::Side;
 use parfocal_protocol::units::{AXES, Axis, BoardTime};
 
@@ -12,7 +12,8 @@ impl Motion {
     /// Goes on with what is being done; to be called every millisecond or so, until it returns nothing more to tell.
     pub fn poll(&mut self, now: BoardTime, board: &mut impl Board) -> Option<MotionEvent> {
         self.watch_inputs(now, board);
-        self.watch_pulses(board);
+        self.watch_pulses(now, board);
+        self.watch_triggers(now, board);
         self.go_on(now, board);
         self.events.pop_front()
     }
@@ -54,7 +55,11 @@ impl Motion {
         }
     }
 
-    fn watch_pulses(&mut self, board: &mut impl Board) {
+    fn watch_pulses(&mut self, now: BoardTime, board: &mut impl Board) {
+        if let Some(axis) = board.pulses(|engine| engine.take_late()) {
+            self.known_mut(axis).trust = Trust::Lost;
+            self.stop(now, board, StopCause::Underrun { axis: Axis(axis as u8) });
+        }
         let Some(gap) = board.pulses(|engine| engine.take_gap()) else { return };
         if gap.ticks > GAP {
             // The engine has let go of all paths: the axes stand where they are counted, if their motors followed.

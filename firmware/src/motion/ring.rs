@@ -55,13 +55,15 @@ impl Ring {
         &self.slots
     }
 
-    /// Begins anew from slot 0, nothing laid yet, for a stream that is not running.
-    pub fn clear(&mut self) {
+    /// Begins anew from slot 0, nothing laid yet, for a stream that is not running; STEP is at
+    /// this level before.
+    pub fn clear(&mut self, step_high: bool) {
         (self.head, self.gate, self.fetched) = (0, GUARD.wrapping_neg(), 0);
         // What plays before record 0 has no edge.
         for before in [RING - 2, RING - 1] {
-            self.slots[before] = Record::hold(1, false, 0);
+            self.slots[before] = Record::hold(1, step_high, 0);
         }
+        self.kept = [Record::hold(1, step_high, 0); GUARD as usize];
     }
 
     /// How many more records can be laid.
@@ -97,10 +99,12 @@ impl Ring {
         self.head.wrapping_sub(self.gate) >= GUARD
     }
 
-    /// Slots for a run of records that does not touch the guard, and the slot of the first. [`Self::ran`] counts them.
+    /// Slots for a run of at most `most` records that does not touch the guard. [`Self::ran`] counts them.
     #[inline(always)]
-    pub fn run(&mut self) -> (&mut [Record; RING], usize) {
-        (&mut self.slots, self.head as usize)
+    pub fn run(&mut self, most: u32) -> &mut [Record] {
+        let first = self.head as usize & MASK;
+        let last = (first + most as usize).min(RING);
+        self.slots.get_mut(first..last).unwrap_or_default()
     }
 
     /// Counts records laid through [`Self::run`].
@@ -138,6 +142,11 @@ impl Ring {
         let now = RING.wrapping_sub(left) & MASK;
         let ahead = now.wrapping_sub(self.fetched as usize) & MASK;
         self.fetched = self.fetched.wrapping_add(ahead as u32);
+    }
+
+    /// Whether the stream's count of words is as it was last seen.
+    pub fn is_at(&self, ndtr: u32) -> bool {
+        RING.wrapping_sub((ndtr / 4) as usize) & MASK == self.fetched as usize & MASK
     }
 
     /// Lays the guard behind the records and puts it in force, unless DMA is too near, or nothing is new.

@@ -1,16 +1,18 @@
 //! Vibration: a cosine, edge by edge.
 
 use super::facade::{Known, Motion, Task};
+use super::lane::Lane;
 use super::limits::{self, TICKS};
-use super::math::acos_turn;
+use super::math::{acos_turn, cos_quarter};
 use super::path::Path;
 use super::phase::{Phase, Shape};
+use super::stretch::{State, count};
 use crate::ports::Board;
 use parfocal_protocol::message::{Field, Refusal};
 use parfocal_protocol::units::{BoardTime, Hertz, Nanometres, Steps};
 
 /// Largest amplitude, steps: the table of one quarter of a swing has so many edges.
-pub const AMPLITUDE: usize = 1024;
+pub const AMPLITUDE: usize = 512;
 
 /// Times of the edges of a quarter swing, from the turning point to the middle, in ticks · 16.
 pub type Quarter = [u32; AMPLITUDE];
@@ -28,6 +30,8 @@ pub(super) struct Swinging {
     /// Stage, nm, of the turning points.
     ends: [Nanometres; 2],
     stage: Stage,
+    /// Tick at which the swings begin.
+    begin: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +87,7 @@ impl Swinging {
             middle,
             ends: [at(steps as i32), at(-(steps as i32))],
             stage: Stage::Out,
+            begin: 0,
         })
     }
 
@@ -100,14 +105,52 @@ impl Swinging {
         }
     }
 
-    /// No further stretch begins; the swings end after the running one.
+    /// No further stretch begins.
     pub fn stop(&mut self) {
-        if self.stage == Stage::Swing {
-            self.cycles = 0;
-        }
         if self.stage == Stage::Out {
             self.stage = Stage::Over;
         }
+    }
+
+    /// Whether the swings themselves go on.
+    pub fn swings(&self) -> bool {
+        self.stage == Stage::Back && self.begin > 0
+    }
+
+    /// A lane that slows down from a tick on, and the edges before it; `None` when the swings are over by then.
+    pub fn stopping(&self, tick: u64, known: &Known) -> Option<(Lane, u32)> {
+        let ticks = tick.saturating_sub(self.begin);
+        let past = u128::from(ticks) << 32;
+        let quarters = (past / u128::from(self.quarter.max(1))) as u32;
+        if quarters >= 4 * u32::from(self.cycles) {
+            return None;
+        }
+        let part = (past % u128::from(self.quarter.max(1))) as f64 / self.quarter as f64;
+        let (a, quarter) = (f64::from(self.amplitude), self.quarter as f64 / 4_294_967_296.0);
+        let (sine, cosine) = (cos_quarter(1.0 - part), cos_quarter(part));
+        // Away from a turning point, or towards one.
+        let from_turn = quarters % 2 == 0;
+        let (distance, v) = if from_turn { (a * (1.0 - cosine), sine) } else { (a * sine, cosine) };
+        let counts = count(distance, false);
+        let up = quarters / 2 % 2 == 1;
+        let start = match quarters % 4 {
+            0 => self.amplitude as i32,
+            2 => -(self.amplitude as i32),
+            _ => 0,
+        };
+        let moved = if up { counts as i32 } else { -(counts as i32) };
+        let base = self.middle.wrapping_add(start).wrapping_add(moved);
+        let limits = limits::in_ticks(&known.settings);
+        let mut path = Path::default();
+        let v = v * a * core::f64::consts::FRAC_PI_2 / quarter;
+        path.ramp(State { p: 0.0, v, a: 0.0 }, 0.0, limits)?;
+        // The play lies where the way since the turning point has taken it.
+        let mut play = known.play;
+        let since = if from_turn { counts } else { a + counts } as i32;
+        play.slack = if up { 0 } else { play.width };
+        play.moved(if up { since } else { -since });
+        let lane = Lane { begin: tick, path, scale: 1.0, up, base, offset: distance - counts, limits, play };
+        Some((lane, quarters * self.amplitude + counts as u32))
     }
 }
 
@@ -154,7 +197,7 @@ impl Motion {
         // Down past the middle and up again: the play ends on the upper side.
         known.play.moved(-2 * swinging.amplitude as i32);
         known.seen = known.seen.wrapping_sub(2 * swinging.amplitude as i32);
-        board.pulses(|engine| {
+        let begin = board.pulses(|engine| {
             let begin = engine.laid([true; parfocal_protocol::units::AXES]) + 2_000;
             swinging.table(engine.quarter());
             let ticks = (u128::from(swinging.quarter) * 4 * u128::from(swinging.cycles)) >> 32;
@@ -168,7 +211,11 @@ impl Motion {
                     first: 0,
                     shape: Shape::Swing { amplitude: swinging.amplitude, quarter: swinging.quarter },
                 }],
-            )
+            );
+            begin
         });
+        if let Task::Swing(swinging) = &mut self.task {
+            swinging.begin = begin;
+        }
     }
 }

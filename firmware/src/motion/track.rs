@@ -1,13 +1,10 @@
 //! One axis: its phases become edges, its edges become records.
 
-use super::phase::{Phase, Place, Span};
-use super::record::{LONGEST, RING, Record, SHORTEST};
+use super::edges::Edges;
+use super::phase::{Phase, Span};
+use super::record::{LONGEST, Record, SHORTEST};
 use super::ring::Ring;
 use super::swing::Quarter;
-use heapless::Deque;
-
-/// Phases an axis holds, those over and those to come.
-pub const PHASES: usize = 16;
 
 /// Records that are always laid ahead, however long they are: the guard must not come near.
 const FEWEST: u32 = 14;
@@ -25,13 +22,6 @@ pub struct Pulse {
     pub inverted: bool,
 }
 
-/// An edge to come.
-#[derive(Clone, Copy, Debug)]
-struct Edge {
-    tick: u64,
-    up: bool,
-}
-
 /// One axis.
 #[derive(Debug)]
 pub struct Track {
@@ -44,12 +34,7 @@ pub struct Track {
     /// Count of the last record that holds an edge.
     last_edge: u32,
     pulse: Pulse,
-    phases: Deque<Phase, PHASES>,
-    /// Phases generated whole, at the front of `phases`.
-    done: usize,
-    place: Option<Place>,
-    span: Span,
-    ahead: [Option<Edge>; 2],
+    edges: Edges,
     /// Whether STEP changes as the next record begins.
     open: bool,
     high: bool,
@@ -66,11 +51,7 @@ impl Track {
             issued: 0,
             last_edge: 0,
             pulse: Pulse { high: 420, setup: 420, both: false, inverted: false },
-            phases: Deque::new(),
-            done: 0,
-            place: None,
-            span: Span { left: 0, time: 0, by: [0; 3], up: false },
-            ahead: [None; 2],
+            edges: Edges::new(),
             open: false,
             high: false,
             dir: 0,
@@ -80,15 +61,12 @@ impl Track {
 
     /// Begins anew at `tick` on a stream that is not running: silence of `ticks`, then the guard.
     pub fn prepare(&mut self, tick: u64, ticks: u32) {
-        self.forget();
+        self.edges.clear();
         self.open = false;
-        self.high = false;
-        self.ring.clear();
+        self.ring.clear(self.high);
         self.end = tick;
-        let mut left = ticks;
-        while left >= LONGEST {
-            self.lay(LONGEST, 0);
-            left -= LONGEST;
+        for _ in 0..ticks / LONGEST {
+            self.piece(LONGEST);
         }
         self.last_edge = 8u32.wrapping_neg();
         self.close();
@@ -97,6 +75,7 @@ impl Track {
     /// Sets how pulses look; for an axis at rest.
     pub fn set_pulse(&mut self, pulse: Pulse) {
         self.pulse = pulse;
+        self.high &= pulse.both;
         self.dir_up = self.dir != Record::dir(pulse.inverted);
     }
 
@@ -107,7 +86,7 @@ impl Track {
 
     /// Whether there is nothing left to lay.
     pub fn exhausted(&self) -> bool {
-        self.done >= self.phases.len() && self.place.is_none() && self.ahead[0].is_none() && !self.open
+        self.edges.exhausted() && !self.open
     }
 
     /// Whether the last edge is out, as DMA was last seen.
@@ -144,6 +123,11 @@ impl Track {
         (steps, tick)
     }
 
+    /// Whether the record that plays is a long one.
+    pub fn plays_long(&self) -> bool {
+        !self.ring.blocked() && self.ring.get(self.ring.playing()).ticks() >= 1_000
+    }
+
     /// Tick at which the guard begins: what was laid before it is played.
     pub fn reached(&self) -> u64 {
         self.played(None).1
@@ -163,7 +147,7 @@ impl Track {
     pub fn abandon(&mut self) {
         let (steps, tick) = self.played(None);
         let shown = self.ring.shown(self.ring.playing());
-        self.forget();
+        self.edges.clear();
         self.ring.drop_waiting();
         (self.issued, self.end, self.open) = (steps, tick, false);
         (self.high, self.dir) = (shown.starts_high(), shown.ccr2);
@@ -180,11 +164,16 @@ impl Track {
     pub fn halt(&mut self, left: u32, count: u32) {
         self.ring.seen(left);
         let (steps, tick) = self.played(Some(count));
+        let record = self.ring.shown(self.ring.playing());
+        // In both-edge stepping a change of level is a step: the level stays.
+        self.high = self.pulse.both && count < record.ccr1;
+        self.dir = record.ccr2;
+        self.dir_up = (self.dir != 0) != self.pulse.inverted;
         self.issued = steps;
         self.end = tick;
         self.open = false;
-        self.forget();
-        self.ring.clear();
+        self.edges.clear();
+        self.ring.clear(self.high);
         self.last_edge = 8u32.wrapping_neg();
     }
 
@@ -219,97 +208,21 @@ impl Track {
         !self.exhausted() || !self.out()
     }
 
-    /// Phases known, the oldest first; for looking back.
-    pub fn phases(&self) -> impl DoubleEndedIterator<Item = &Phase> {
-        self.phases.iter()
+    /// Adds phases. False when they do not all fit, and then none is added.
+    pub fn append(&mut self, phases: &[Phase]) -> bool {
+        self.edges.space() >= phases.len() && phases.iter().all(|p| self.edges.append(*p))
     }
 
-    /// Adds a phase. False when there is no room.
-    pub fn append(&mut self, phase: Phase) -> bool {
-        if self.phases.is_full() && self.done > 0 {
-            self.phases.pop_front();
-            self.done -= 1;
-        }
-        self.phases.push_back(phase).is_ok()
-    }
-
-    /// How many phases [`Self::append`] takes.
-    pub fn space(&self) -> usize {
-        PHASES - self.phases.len() + self.done
-    }
-
-    /// Drops everything that is not laid yet.
-    pub fn forget(&mut self) {
-        self.phases.clear();
-        self.done = 0;
-        self.drop_generated();
-    }
-
-    fn drop_generated(&mut self) {
-        self.place = None;
-        self.span.left = 0;
-        self.ahead = [None; 2];
-    }
-
-    /// Cuts the path: of the phase that spans `tick`, `steps` remain, of later ones nothing. False, and nothing changed, when
-    /// more than that is laid already.
+    /// Cuts the path at a tick not laid yet: of the phase there, `steps` edges remain. False when more are laid.
     pub fn cut(&mut self, tick: u64, steps: u32) -> bool {
-        let Some((at, phase)) = self.phases.iter().enumerate().find(|(_, p)| p.begin.saturating_add(p.ticks) > tick)
-        else {
-            return true;
-        };
-        let steps = if phase.begin >= tick { 0 } else { steps };
-        if !self.rewind(at, steps) {
-            return false;
-        }
-        while self.phases.len() > at + 1 {
-            self.phases.pop_back();
-        }
-        if let Some(phase) = self.phases.back_mut() {
-            // What was solved stays solved: a reversed cubic counts from its last edge.
-            phase.cut(steps);
-            phase.ticks = tick.saturating_sub(phase.begin);
-        }
-        true
-    }
-
-    /// Takes back edges generated but not laid, and leaves the place where the next edge is; false when phase `at` has
-    /// more than `steps` laid.
-    fn rewind(&mut self, at: usize, steps: u32) -> bool {
-        let waiting = self.ahead.iter().flatten().count() as u32;
-        // What is left of the span is not generated.
-        let mut index = self.place.map_or(0, |p| p.index.wrapping_sub(self.span.left));
-        let mut phase = self.done;
-        let mut tick = self.ahead[0].map_or(self.end, |e| e.tick);
-        for _ in 0..waiting {
-            while index == 0 && phase > 0 {
-                phase -= 1;
-                index = self.phases.iter().nth(phase).map_or(0, |p| p.steps);
-            }
-            index = index.wrapping_sub(1);
-        }
-        if phase > at || (phase == at && index > steps) {
-            return false;
-        }
-        let Some(p) = self.phases.iter().nth(phase) else { return false };
-        tick = tick.max(p.begin);
-        let place = if index == 0 { p.place() } else { p.seek(index, tick) };
-        self.drop_generated();
-        self.done = phase;
-        self.place = Some(place);
-        true
+        self.end <= tick && self.edges.cut(tick, steps, self.end)
     }
 
     /// Lays records until they reach `horizon` or there is no room.
     pub fn fill(&mut self, horizon: u64, table: &Quarter) {
         let mut room = self.ring.room();
         while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
-            if self.open
-                && self.span.left > 1
-                && self.span.up == self.dir_up
-                && self.ahead[0].is_none()
-                && self.ring.past_guard()
-            {
+            if self.open && self.edges.in_span() && self.edges.span.up == self.dir_up && self.ring.past_guard() {
                 let ran = if self.pulse.both {
                     if self.high { 0 } else { self.run_both(horizon, room) }
                 } else {
@@ -324,73 +237,71 @@ impl Track {
         }
     }
 
+    /// How many records of `steps` steps each a run can have; 0 when its first ones are not short pulses. In a span the
+    /// intervals change by an eighth at most: what holds of the first holds of all.
+    fn run_length(&self, horizon: u64, room: u32, steps: u32) -> u32 {
+        let Span { left, time, by: [d1, ..], .. } = self.edges.span;
+        let first = ((time >> 32) as u32).wrapping_sub(self.end as u32);
+        let next = (d1 >> 32) as u32;
+        let short = SHORTEST / steps - 2..LONGEST * 3 / 4 / steps;
+        if !short.contains(&first) || !short.contains(&next) {
+            return 0;
+        }
+        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
+        (left / steps).min(room).min(ticks / (next * steps) + 1)
+    }
+
     /// Single-edge pulses of one span, while they are short.
     fn run_rising(&mut self, horizon: u64, room: u32) -> u32 {
+        let most = self.run_length(horizon, room, 1);
         let (high, dir) = (self.pulse.high, self.dir);
-        let most = self.span.left.min(room);
-        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
-        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.span;
-        let from = self.end as u32;
-        let mut open = from;
-        let (slots, mut slot) = self.ring.run();
-        let mut n = 0;
-        while n < most && open.wrapping_sub(from) < ticks {
+        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.edges.span;
+        let mut open = self.end as u32;
+        let run = self.ring.run(most);
+        let n = run.len() as u32;
+        for record in run {
             let next = (time >> 32) as u32;
-            let length = next.wrapping_sub(open);
-            if length.wrapping_sub(SHORTEST - 2) > LONGEST - SHORTEST {
-                break;
-            }
-            if let Some(record) = slots.get_mut(slot & (RING - 1)) {
-                *record = Record::pulse(length, high, dir);
-            }
-            slot += 1;
+            record.set_pulse(next.wrapping_sub(open), high, dir);
             open = next;
             time = time.wrapping_add_signed(d1);
             d1 = d1.wrapping_add(d2);
             d2 = d2.wrapping_add(d3);
-            n += 1;
         }
-        self.ran(n, n, Span { left: self.span.left - n, time, by: [d1, d2, d3], up: self.span.up }, open);
+        self.ran(n, n, [d1, d2], time, open);
         n
     }
 
     /// Pulses of two steps each of one span, while they are short.
     fn run_both(&mut self, horizon: u64, room: u32) -> u32 {
+        let most = self.run_length(horizon, room, 2);
         let dir = self.dir;
-        let most = (self.span.left / 2).min(room);
-        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
-        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.span;
-        let from = self.end as u32;
-        let mut open = from;
-        let (slots, mut slot) = self.ring.run();
-        let mut n = 0;
-        while n < most && open.wrapping_sub(from) < ticks {
+        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.edges.span;
+        let mut open = self.end as u32;
+        let run = self.ring.run(most);
+        let n = run.len() as u32;
+        for record in run {
             let fall = (time >> 32) as u32;
-            let (e1, e2) = (d1.wrapping_add(d2), d2.wrapping_add(d3));
-            let then = time.wrapping_add_signed(d1);
-            let next = (then >> 32) as u32;
-            let length = next.wrapping_sub(open);
-            if length.wrapping_sub(SHORTEST - 2) > LONGEST - SHORTEST {
-                break;
-            }
-            if let Some(record) = slots.get_mut(slot & (RING - 1)) {
-                *record = Record::pulse(length, fall.wrapping_sub(open), dir);
-            }
-            slot += 1;
+            time = time.wrapping_add_signed(d1);
+            d1 = d1.wrapping_add(d2);
+            d2 = d2.wrapping_add(d3);
+            let next = (time >> 32) as u32;
+            time = time.wrapping_add_signed(d1);
+            d1 = d1.wrapping_add(d2);
+            d2 = d2.wrapping_add(d3);
+            record.set_pulse(next.wrapping_sub(open), fall.wrapping_sub(open), dir);
             open = next;
-            time = then.wrapping_add_signed(e1);
-            d1 = e1.wrapping_add(e2);
-            d2 = e2.wrapping_add(d3);
-            n += 1;
         }
-        self.ran(n, 2 * n, Span { left: self.span.left - 2 * n, time, by: [d1, d2, d3], up: self.span.up }, open);
+        self.ran(n, 2 * n, [d1, d2], time, open);
         n
     }
 
     /// Books a run of `n` records with `steps` steps.
     #[inline(always)]
-    fn ran(&mut self, n: u32, steps: u32, span: Span, open: u32) {
-        self.span = span;
+    fn ran(&mut self, n: u32, steps: u32, [d1, d2]: [i64; 2], time: u64, open: u32) {
+        let span = &mut self.edges.span;
+        span.left -= steps;
+        span.time = time;
+        span.by = [d1, d2, span.by[2]];
         self.end += u64::from(open.wrapping_sub(self.end as u32));
         self.ring.ran(n);
         if n > 0 {
@@ -406,7 +317,7 @@ impl Track {
 
     /// Lays the next record or two, however far the next edge is.
     fn lay_next(&mut self, table: &Quarter) -> u32 {
-        let Some(edge) = self.peek(0, table) else {
+        let Some(edge) = self.edges.peek(0, self.end, table) else {
             // Nothing to do: silence, or the end of the last pulse.
             self.piece(LONGEST);
             return 1;
@@ -427,16 +338,18 @@ impl Track {
             return 1;
         }
         if edge.tick <= self.end && !self.open {
-            self.take();
+            self.edges.take();
             self.open = true;
             return 0;
         }
         if self.open && self.pulse.both && !self.high {
-            let second =
-                self.peek(1, table).filter(|e| e.up == edge.up && e.tick.wrapping_sub(self.end) <= u64::from(LONGEST));
+            let second = self
+                .edges
+                .peek(1, self.end, table)
+                .filter(|e| e.up == edge.up && e.tick.wrapping_sub(self.end) <= u64::from(LONGEST));
             if let Some(second) = second {
-                self.take();
-                self.take();
+                self.edges.take();
+                self.edges.take();
                 self.lay(second.tick.wrapping_sub(self.end) as u32, edge.tick.wrapping_sub(self.end) as u32);
                 self.count(2);
                 // The second edge opens the next record.
@@ -483,43 +396,5 @@ impl Track {
     fn lay(&mut self, ticks: u32, high: u32) {
         self.ring.push(Record::pulse(ticks, high, self.dir));
         self.end += u64::from(ticks);
-    }
-
-    /// The next edge, or the one after it.
-    fn peek(&mut self, which: usize, table: &Quarter) -> Option<Edge> {
-        for i in 0..=which {
-            if self.ahead.get(i)?.is_none() {
-                let edge = self.generate(table);
-                *self.ahead.get_mut(i)? = edge;
-                edge?;
-            }
-        }
-        *self.ahead.get(which)?
-    }
-
-    fn take(&mut self) {
-        self.ahead = [self.ahead[1], None];
-    }
-
-    fn generate(&mut self, table: &Quarter) -> Option<Edge> {
-        while self.span.left == 0 {
-            let (a, b) = self.phases.as_slices();
-            let phase = a.get(self.done).or_else(|| b.get(self.done.wrapping_sub(a.len())))?;
-            let mut place = self.place.unwrap_or_else(|| phase.place());
-            if place.index >= phase.steps {
-                self.place = None;
-                self.done += 1;
-                continue;
-            }
-            self.span = phase.span(&mut place, table);
-            self.place = Some(place);
-        }
-        let after = ((self.span.time >> 32) as u32).wrapping_sub(self.end as u32) as i32;
-        let tick = self.end.saturating_add_signed(i64::from(after));
-        let [d1, d2, d3] = self.span.by;
-        self.span.time = self.span.time.wrapping_add_signed(d1);
-        self.span.by = [d1.wrapping_add(d2), d2.wrapping_add(d3), d3];
-        self.span.left -= 1;
-        Some(Edge { tick, up: self.span.up })
     }
 }

@@ -1,6 +1,8 @@
 //! A board without hardware: the engine, its timers in software, and every edge that came out.
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub mod exact;
+
 use parfocal_firmware::motion::engine::{Engine, SERVICE, StepTimers};
 use parfocal_firmware::motion::playback::{Change, Playback};
 use parfocal_firmware::motion::{Motion, MotionEvent};
@@ -46,7 +48,7 @@ impl Bench {
             if !c.step {
                 dir = c.high;
             } else if c.high || both {
-                out.push((c.tick - u64::from(Playback::FIRST), dir));
+                out.push((c.tick, dir));
             }
         }
         out
@@ -116,7 +118,7 @@ impl Board for Mock {
     fn outputs_off(&mut self) {
         self.on = false;
         for axis in 0..AXES {
-            let (left, count) = (self.bench.timers.left(axis), self.bench.timers.count(axis));
+            let (left, count) = (self.bench.timers.left(axis), self.bench.timers.count(axis).unwrap());
             self.bench.engine.halted(axis, left, count);
         }
     }

@@ -1,14 +1,66 @@
 //! The subcommands, one file each. A new one is a file here, a line in this list and one in [`Command`].
 
-pub mod focus;
+mod autofocus;
+mod calibrate;
+mod coarse;
+mod connection;
+mod focus;
+mod info;
+mod interrupt;
+mod move_;
+mod ports;
+mod settings;
+mod setup;
+mod simulate;
+mod simulated;
+mod status;
+mod stop;
+mod tip;
 
 use clap::Subcommand;
 
 /// Everything `parfocal` can be asked to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Setup(setup::Arguments),
+    Ports(ports::Arguments),
+    Info(info::Arguments),
+    Status(status::Arguments),
+    Move(move_::Arguments),
+    Stop(stop::Arguments),
+    Settings(settings::Arguments),
+    Autofocus(Box<autofocus::Arguments>),
+    Calibrate(Box<calibrate::Calibrate>),
     Focus(focus::Focus),
+    Simulate(simulate::Arguments),
+    Tip(tip::Arguments),
 }
+
+/// Runs one command.
+///
+/// # Errors
+/// Whatever stopped it, as one sentence for a person; the exit code is then 1.
+pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
+    match command {
+        Command::Setup(a) => a.run(out),
+        Command::Ports(a) => a.run(out),
+        Command::Info(a) => a.run(out),
+        Command::Status(a) => a.run(out),
+        Command::Move(a) => a.run(out),
+        Command::Stop(a) => a.run(out),
+        Command::Settings(a) => a.run(out),
+        Command::Autofocus(a) => a.run(out),
+        Command::Calibrate(a) => calibrate::run(*a, out),
+        Command::Focus(a) => focus::run(a, out),
+        Command::Simulate(a) => a.run(out),
+        Command::Tip(a) => a.run(out),
+    }
+}
+
+/// A refusal that the command has told already, in words and as JSON: only the exit code is left to say it.
+#[derive(Debug, thiserror::Error)]
+#[error("refused")]
+pub struct Refused;
 
 /// How a command speaks: people's text on stderr or stdout, or one JSON object on stdout.
 #[derive(Clone, Copy, Debug)]
@@ -18,7 +70,7 @@ pub struct Output {
 }
 
 impl Output {
-    /// Prints a command's result: `text` for people, or `value` as the one JSON object.
+    /// Prints a command's result: `text` for people on stdout; with `--json` there on stderr, and `value` on stdout.
     ///
     /// # Errors
     /// When stdout cannot be written (a closed pipe is success, see `main`).
@@ -26,21 +78,12 @@ impl Output {
         use std::io::Write;
         let mut out = std::io::stdout().lock();
         if self.json {
+            eprintln!("{}", text.trim_end());
             serde_json::to_writer(&mut out, value)?;
             writeln!(out)?;
         } else {
             writeln!(out, "{}", text.trim_end())?;
         }
         Ok(())
-    }
-}
-
-/// Runs one command.
-///
-/// # Errors
-/// Whatever stopped it, as one sentence for a person; the exit code is then 1.
-pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
-    match command {
-        Command::Focus(focus) => focus::run(focus, out),
     }
 }

@@ -54,11 +54,11 @@ pub struct Recommendation {
 
 /// Chooses among the measures whose curve falls to half its height on both sides inside the stack: first what ends nearest to
 /// `truth`, if it is known (one plane more or less is no difference), then what is hardest to be trapped in, then what stands out most
-/// from its noise. Of a curve with two lobes the valley counts, if that is nearer to the truth.
+/// from its noise. Of a curve with two lobes the valley counts if the truth lies there.
 pub fn recommend(rows: &[Row], z_step: Micrometres, truth: Option<Micrometres>) -> Recommendation {
     let candidates = rows.iter().filter_map(|row| {
         let shape = row.shape.as_ref().filter(|s| !s.at_edge && s.width_um.is_some())?;
-        let focus = Focus::of(shape, truth);
+        let focus = Focus::of(shape, z_step, truth);
         Some((row, shape, focus, focus.rank(shape, z_step)))
     });
     let Some((row, shape, focus, _)) = candidates.min_by(|a, b| a.3.total_cmp(&b.3)) else {
@@ -89,6 +89,10 @@ pub fn recommend(rows: &[Row], z_step: Micrometres, truth: Option<Micrometres>) 
             " It has a second lobe of similar height: if the object is unstained, its focus is the valley at {valley:.2} µm."
         );
     }
+    if focus.error_um > Some(3.0 * z_step.0.abs()) {
+        words +=
+            " No measure comes within three planes of the known focus: choose a region around what shall be in focus.";
+    }
     Recommendation { measure: Some(row.measure), words }
 }
 
@@ -101,11 +105,13 @@ struct Focus {
 }
 
 impl Focus {
-    fn of(shape: &Shape, truth: Option<Micrometres>) -> Self {
+    fn of(shape: &Shape, z_step: Micrometres, truth: Option<Micrometres>) -> Self {
         let error = |z: f64| truth.map(|t| (z - t.0).abs());
         let peak = Self { at_um: shape.peak_um, error_um: error(shape.peak_um), in_valley: false };
         match shape.valley_um {
-            Some(z) if error(z) < peak.error_um => Self { at_um: z, error_um: error(z), in_valley: true },
+            Some(z) if error(z) < peak.error_um && error(z) <= Some(1.5 * z_step.0.abs()) => {
+                Self { at_um: z, error_um: error(z), in_valley: true }
+            }
             _ => peak,
         }
     }

@@ -3,4 +3,5 @@
 pub mod camera;
 pub mod curve;
 pub mod image_file;
+pub mod pacing;
 pub mod stack;

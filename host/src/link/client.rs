@@ -277,7 +277,8 @@ impl Link {
 
     /// Says hello under the number 0, which the board answers without counting it, and compares the boot number.
     fn recognise(&mut self) -> Result<(), LinkError> {
-        let hello = ToBoard { session: self.session, sequence: Sequence(0), request: Request::Hello { role: self.role } };
+        let hello =
+            ToBoard { session: self.session, sequence: Sequence(0), request: Request::Hello { role: self.role } };
         let mut frame = [0; MAX_FRAME];
         let n = encode(&hello, &mut frame).map_err(|_| LinkError::OutOfTurn { port: self.port() })?;
         let give_up = later(self.transport.now(), self.options.deadline_ms);
@@ -289,7 +290,8 @@ impl Link {
                 let mut buffer = [0; 256];
                 let n = self.transport.read(&mut buffer, retry).map_err(|_| gone(self.transport.name()))?;
                 for byte in &buffer[..n] {
-                    let Some(Ok(FromBoard::Reply { session, result: Ok(response), .. })) = self.decoder.push(*byte) else {
+                    let Some(Ok(FromBoard::Reply { session, result: Ok(response), .. })) = self.decoder.push(*byte)
+                    else {
                         continue;
                     };
                     if session != self.session || !matches!(response, Response::Hello(_)) {

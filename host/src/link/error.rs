@@ -17,7 +17,9 @@ pub enum LinkError {
         port: String,
     },
     /// A board answered before, and now does not.
-    #[error("the board on {port} stopped answering; it stops its axes by itself. Check cable and power, then try again")]
+    #[error(
+        "the board on {port} stopped answering; it stops its axes by itself. Check cable and power, then try again"
+    )]
     Silent {
         /// The port.
         port: String,
@@ -39,7 +41,9 @@ pub enum LinkError {
         host: u8,
     },
     /// The board speaks an older protocol.
-    #[error("the board on {port} speaks protocol {board}, this program speaks {host}: flash the board with this program's firmware (`cargo xtask flash`)")]
+    #[error(
+        "the board on {port} speaks protocol {board}, this program speaks {host}: flash the board with this program's firmware (`cargo xtask flash`)"
+    )]
     BoardOlder {
         /// The port.
         port: String,
@@ -49,7 +53,9 @@ pub enum LinkError {
         host: u8,
     },
     /// Same protocol version, other messages: two development builds.
-    #[error("the board on {port} was built from other message definitions (firmware {firmware}, git {git}): flash it with this program's firmware (`cargo xtask flash`)")]
+    #[error(
+        "the board on {port} was built from other message definitions (firmware {firmware}, git {git}): flash it with this program's firmware (`cargo xtask flash`)"
+    )]
     OtherSchema {
         /// The port.
         port: String,
@@ -59,7 +65,9 @@ pub enum LinkError {
         git: String,
     },
     /// The board restarted while something was under way; the request may or may not have been carried out before.
-    #[error("the board on {port} restarted ({cause}) in the middle of a request: look where its axes are before you go on")]
+    #[error(
+        "the board on {port} restarted ({cause}) in the middle of a request: look where its axes are before you go on"
+    )]
     Restarted {
         /// The port.
         port: String,

@@ -23,12 +23,16 @@ fn side(side: Side) -> &'static str {
 impl fmt::Display for Explained<'_, Refusal> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self.0 {
-            Refusal::NoSession => write!(f, "the board has restarted and does not know this program any more: connect again"),
+            Refusal::NoSession => {
+                write!(f, "the board has restarted and does not know this program any more: connect again")
+            }
             Refusal::NotInControl { controller } => {
                 write!(f, "another program (session {:08x}) controls the board: close it or take control", controller.0)
             }
             Refusal::OldSequence => write!(f, "the board has answered a later request already: connect again"),
-            Refusal::NoSuchAxis { axis: Axis(n) } => write!(f, "the board has no axis {n}: `parfocal status` lists its axes"),
+            Refusal::NoSuchAxis { axis: Axis(n) } => {
+                write!(f, "the board has no axis {n}: `parfocal status` lists its axes")
+            }
             Refusal::BeyondLimit { axis: Axis(n), low, high } => write!(
                 f,
                 "axis {n} may only go from {} to {} µm: choose a position in between, or change the limits with `parfocal settings set`",
@@ -44,15 +48,23 @@ impl fmt::Display for Explained<'_, Refusal> {
             Refusal::OutOfRange { field, low, high } => {
                 write!(f, "{} must lie between {low} and {high}", field_name(field))
             }
-            Refusal::NoSuchScan { current: Some(id) } => write!(f, "that scan is over or was never begun; the board's scan is number {}", id.0),
+            Refusal::NoSuchScan { current: Some(id) } => {
+                write!(f, "that scan is over or was never begun; the board's scan is number {}", id.0)
+            }
             Refusal::NoSuchScan { current: None } => write!(f, "the board has no scan under way"),
             Refusal::WrongSample { wanted } => write!(f, "the scan wants sample {wanted}, not that one"),
             Refusal::NotANumber => write!(f, "the value is not a finite number"),
             Refusal::NoHomeSwitch { axis: Axis(n) } => {
                 write!(f, "axis {n} has no home switch in its settings: set `home` to low or high if one is wired")
             }
-            Refusal::CannotSave => write!(f, "the board cannot keep settings over a power cycle now (flash busy, worn, or a chip revision on which it must not)"),
-            Refusal::Unsupported => write!(f, "the board's firmware cannot do this: flash it with this program's firmware (`cargo xtask flash`)"),
+            Refusal::CannotSave => write!(
+                f,
+                "the board cannot keep settings over a power cycle now (flash busy, worn, or a chip revision on which it must not)"
+            ),
+            Refusal::Unsupported => write!(
+                f,
+                "the board's firmware cannot do this: flash it with this program's firmware (`cargo xtask flash`)"
+            ),
         }
     }
 }
@@ -81,6 +93,7 @@ pub fn field_name(field: Field) -> &'static str {
         Field::Frequency => "the frequency (Hz)",
         Field::Cycles => "the number of cycles",
         Field::Trigger => "the trigger plan",
+        Field::Microsteps => "microsteps",
     }
 }
 
@@ -90,7 +103,9 @@ impl fmt::Display for Explained<'_, StopCause> {
             StopCause::Asked => write!(f, "it was told to stop"),
             StopCause::HostLost => write!(f, "the board heard nothing from this program for too long"),
             StopCause::ControlTaken => write!(f, "another program took control"),
-            StopCause::HardLimit { axis: Axis(n), side: s } => write!(f, "axis {n} ran into its {} limit switch", side(s)),
+            StopCause::HardLimit { axis: Axis(n), side: s } => {
+                write!(f, "axis {n} ran into its {} limit switch", side(s))
+            }
             StopCause::Emergency => write!(f, "emergency stop; the position is counted but not trusted: home the axes"),
             StopCause::Underrun { axis: Axis(n) } => {
                 write!(f, "pulses for axis {n} came too late; its position is not trusted: home it")

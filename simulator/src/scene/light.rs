@@ -43,12 +43,12 @@ const QUANTILES: usize = 4096;
 /// Standard normal values by their rank: a uniform 12-bit number drawn from it is normally distributed.
 static NORMAL: LazyLock<[f32; QUANTILES]> = LazyLock::new(|| {
     let mut table = [0.0; QUANTILES];
-    let mut x = -4.5;
+    let mut x = -4.5_f64;
     for (i, value) in table.iter_mut().enumerate() {
         let share = (i as f64 + 0.5) / QUANTILES as f64;
         // Newton's method from the last quantile, which is always below.
         for _ in 0..30 {
-            let density = (-0.5 * x * x as f64).exp() / (2.0 * std::f64::consts::PI).sqrt();
+            let density = (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt();
             x += ((share - normal_below(x)) / density).clamp(-0.2, 0.2);
         }
         *value = x as f32;

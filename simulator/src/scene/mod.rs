@@ -25,11 +25,13 @@ mod light;
 mod optics;
 mod paint;
 mod pipette;
+mod random;
 mod speck;
 
 pub use light::{Exposure, Light};
 pub use optics::{Kernel, Optics};
 pub use pipette::Pipette;
+pub use random::{Drawn, Ranges, Seen, Show};
 pub use speck::{Matter, Speck};
 
 /// What lies under the microscope, in ref (µm, z up), and the lamp that lights it.

@@ -164,7 +164,8 @@ impl<'a> Seen<'a> {
     fn new(print: &'a Print, camera: &Camera) -> Option<Self> {
         let to_camera = camera.pose.after(&print.pose);
         let half = print.cells as f64 * print.cell_mm / 2.0;
-        let corners = [[-half, -half], [half, -half], [half, half], [-half, half]].map(|c| to_camera.map([c[0], c[1], 0.0]));
+        let corners =
+            [[-half, -half], [half, -half], [half, half], [-half, half]].map(|c| to_camera.map([c[0], c[1], 0.0]));
         let normal = [0, 1, 2].map(|i| to_camera.rotation[i][2]);
         let towards: f64 = (0..3).map(|i| normal[i] * to_camera.translation[i]).sum();
         // z points into the paper: the printed side is seen when z points away from the camera.

@@ -56,7 +56,9 @@ impl Board {
 #[derive(Debug, Error)]
 pub enum BoardError {
     /// A board that cannot be.
-    #[error("a board of {columns}x{rows} markers of {tag_mm} mm, {gap_mm} mm apart, from number {first}, cannot be: markers need a gap of a quarter of their size and numbers up to 586")]
+    #[error(
+        "a board of {columns}x{rows} markers of {tag_mm} mm, {gap_mm} mm apart, from number {first}, cannot be: markers need a gap of a quarter of their size and numbers up to 586"
+    )]
     Impossible {
         /// Markers in a row.
         columns: u16,
@@ -70,7 +72,9 @@ pub enum BoardError {
         gap_mm: f64,
     },
     /// Pictures of different sizes.
-    #[error("place {place}: the {side} picture is {got:?}, the first one is {expected:?}: all have to come from the same two cameras")]
+    #[error(
+        "place {place}: the {side} picture is {got:?}, the first one is {expected:?}: all have to come from the same two cameras"
+    )]
     Size {
         /// Which pair.
         place: Place,
@@ -82,7 +86,9 @@ pub enum BoardError {
         expected: [usize; 2],
     },
     /// Too little seen.
-    #[error("{usable} of {given} pairs show at least {MARKERS} of the board's markers in both pictures, {PAIRS} are needed: take more, tilted by 20 to 40° in all directions, filling the pictures")]
+    #[error(
+        "{usable} of {given} pairs show at least {MARKERS} of the board's markers in both pictures, {PAIRS} are needed: take more, tilted by 20 to 40° in all directions, filling the pictures"
+    )]
     TooFew {
         /// Pairs that can be used.
         usable: usize,
@@ -90,7 +96,9 @@ pub enum BoardError {
         given: usize,
     },
     /// The pairs leave something open.
-    #[error("the pairs leave the {side} camera's focal length open by {percent:.1} %: add pairs with the board tilted by 20 to 40°, about both of its axes")]
+    #[error(
+        "the pairs leave the {side} camera's focal length open by {percent:.1} %: add pairs with the board tilted by 20 to 40°, about both of its axes"
+    )]
     Open {
         /// Which camera.
         side: Side,
@@ -98,7 +106,9 @@ pub enum BoardError {
         percent: f64,
     },
     /// The model does not describe the pictures.
-    #[error("place {place} fits the cameras only to {px:.2} px, the others to {typical:.2} px: left and right not taken at the same moment, or the board is bent; leave the pair out or take it again")]
+    #[error(
+        "place {place} fits the cameras only to {px:.2} px, the others to {typical:.2} px: left and right not taken at the same moment, or the board is bent; leave the pair out or take it again"
+    )]
     Misfit {
         /// Which pair.
         place: Place,
@@ -108,7 +118,9 @@ pub enum BoardError {
         typical: f64,
     },
     /// The adjustment found nothing.
-    #[error("no pair of lenses explains the pictures: check that left and right are not exchanged, and the board's numbers")]
+    #[error(
+        "no pair of lenses explains the pictures: check that left and right are not exchanged, and the board's numbers"
+    )]
     NoFit,
     /// A picture cannot be searched for markers.
     #[error(transparent)]
@@ -152,7 +164,8 @@ pub(super) struct Corner {
 /// [`BoardError`]: what to photograph again.
 pub fn calibrate(pairs: &[Pair], board: &Board) -> Result<BoardCalibration, BoardError> {
     let last = u32::from(board.first.0) + u32::from(board.columns) * u32::from(board.rows);
-    if !(board.tag_mm > 1.0 && board.gap_mm >= board.tag_mm / 4.0 && board.columns > 1 && board.rows > 1 && last <= 587) {
+    if !(board.tag_mm > 1.0 && board.gap_mm >= board.tag_mm / 4.0 && board.columns > 1 && board.rows > 1 && last <= 587)
+    {
         let Board { columns, rows, first, tag_mm, gap_mm } = *board;
         return Err(BoardError::Impossible { columns, rows, first, tag_mm, gap_mm });
     }
@@ -174,7 +187,14 @@ pub fn calibrate(pairs: &[Pair], board: &Board) -> Result<BoardCalibration, Boar
     let [width, height] = size.map(|s| s as f64);
     // A guess good enough to fit edges within one marker.
     let guess = Lens {
-        fx: width, fy: width, cx: (width - 1.0) / 2.0, cy: (height - 1.0) / 2.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0,
+        fx: width,
+        fy: width,
+        cx: (width - 1.0) / 2.0,
+        cy: (height - 1.0) / 2.0,
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
     };
     let mut lenses = [guess; 2];
     let mut result = None;
@@ -183,9 +203,11 @@ pub fn calibrate(pairs: &[Pair], board: &Board) -> Result<BoardCalibration, Boar
         for (k, (pair, found)) in used.iter().zip(&found).enumerate() {
             for (side, picture) in [(Side::Left, &pair.left), (Side::Right, &pair.right)] {
                 let lens = &lenses[side as usize];
-                all.extend(corners::measure(board, picture, &found[side as usize], lens).into_iter().map(
-                    |(model, pixel)| Corner { pair: k, side, model, pixel },
-                ));
+                all.extend(
+                    corners::measure(board, picture, &found[side as usize], lens)
+                        .into_iter()
+                        .map(|(model, pixel)| Corner { pair: k, side, model, pixel }),
+                );
             }
         }
         let fit = adjust::adjust(&all, size, used.len()).ok_or(BoardError::NoFit)?;

@@ -128,7 +128,9 @@ pub enum StereoError {
         why: &'static str,
     },
     /// R does not turn, or mirrors.
-    #[error("the stereo camera's R is no rotation (it is off by {0:.4}): give the matrix of p_right = R·p_left + t, row by row")]
+    #[error(
+        "the stereo camera's R is no rotation (it is off by {0:.4}): give the matrix of p_right = R·p_left + t, row by row"
+    )]
     NoRotation(f64),
 }
 
@@ -218,9 +220,8 @@ impl TryFrom<StereoFile> for StereoCamera {
                     return Err(StereoError::Value { field: format!("{name}.{field}"), value, why });
                 }
             }
-            let rest = [
-                ("cx", lens.cx), ("cy", lens.cy), ("k1", lens.k1), ("k2", lens.k2), ("p1", lens.p1), ("p2", lens.p2),
-            ];
+            let rest =
+                [("cx", lens.cx), ("cy", lens.cy), ("k1", lens.k1), ("k2", lens.k2), ("p1", lens.p1), ("p2", lens.p2)];
             if let Some((field, value)) = rest.into_iter().find(|(_, v)| !v.is_finite()) {
                 return Err(StereoError::Value { field: format!("{name}.{field}"), value, why: "give a number" });
             }

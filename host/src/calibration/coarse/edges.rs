@@ -142,9 +142,10 @@ pub fn measure(
         for k in 0..pieces as usize {
             let middle = border.start + along * ((length - usable) / 2.0 + usable * (k as f64 + 0.5) / pieces);
             let half = along * (usable / pieces / 2.0);
-            tried += 1;
-            let piece = Piece::new(middle, half, border.to_white, cell, tone, project);
-            edges.extend(piece.and_then(|p| p.fit(picture, tone, levels)));
+            if let Some(piece) = Piece::new(middle, half, border.to_white, cell, tone, project) {
+                tried += 1;
+                edges.extend(piece.fit(picture, tone, levels));
+            }
         }
     }
     (edges, tried)
@@ -177,7 +178,7 @@ impl Piece {
             normal = -normal;
         }
         // The next border may be one square away; its blur must not reach in.
-        let room = normal.dot(&(white - at)).min(normal.dot(&(at - black))) - 1.5 * tone.blur_px;
+        let room = normal.dot(&(white - at)).min(normal.dot(&(at - black))) - 1.2 * tone.blur_px;
         let half_width = room.min(3.5 * tone.blur_px + 1.5);
         (half_width >= 1.4).then_some(Self { middle, at, along, normal, half_length: (b - a).norm() / 2.0, half_width })
     }
@@ -211,7 +212,8 @@ impl Piece {
         let mut cost = (0.0, (0.0, 0.0));
         let mut normal = Matrix3::zeros();
         for _ in 0..6 {
-            let mut gradient = Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
+            let mut gradient =
+                Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
             normal = Matrix3::from_diagonal(&(Vector3::new(prior, prior, 1e-9) * 255.0 * 255.0));
             cost = (0.0, (0.0, 0.0));
             for &(d, value) in &pixels {

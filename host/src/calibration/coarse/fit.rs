@@ -9,7 +9,9 @@ use super::camera::{Side, StereoCamera};
 use super::edges::{Border, Edge, Grey, Tone, borders, measure};
 use super::levels::Levels;
 use super::marker::Cells;
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
+};
 
 /// A marker to be measured: its squares, borders and size.
 #[derive(Clone, Debug)]
@@ -84,7 +86,7 @@ struct Seen {
 }
 
 /// What one picture's edges are worth below which it is left out: share of pieces measured and kept, likeness to the pattern.
-const LEAST_SHARE: f64 = 0.35;
+const LEAST_SHARE: f64 = 0.3;
 const LEAST_LIKENESS: f64 = 0.6;
 /// What no model of an edge is better than, px.
 const FLOOR_PX: f64 = 0.015;
@@ -101,7 +103,7 @@ pub fn refine(
     gamma: f64,
 ) -> Option<Fit> {
     let mut pose = *start;
-    let mut blur = [1.5; 2];
+    let mut blur = [1.1; 2];
     let mut result = None;
     let mut pictures = pictures;
     for round in 0..ROUNDS {
@@ -138,7 +140,11 @@ pub fn refine(
         }
         pose = nudge(&pose, &step.by);
         let sides = seen.iter().map(|s| s.side).collect();
+        let still = step.by.fixed_rows::<3>(0).amax() < 5e-4 && step.by.fixed_rows::<3>(3).amax() < 2e-5;
         result = Some(Fit { pose, information: step.information, sides, rms_px: step.rms_px, blur_px: blur, noise });
+        if still && round >= 3 {
+            break;
+        }
     }
     result.filter(|fit| fit.sides.iter().all(|s| pictures[*s as usize].is_some()))
 }
@@ -199,7 +205,8 @@ fn adjust(seen: &[Seen], camera: &StereoCamera, pose: &Isometry3<f64>, noise: f6
             normal[(k, k)] += 1e-9;
         }
         by = normal.clone().cholesky()?.solve(&gradient);
-        let mut far: Vec<f64> = rows.iter().map(|(row, offset, w, _)| (offset - row.dot(&by)).abs() * w.sqrt()).collect();
+        let mut far: Vec<f64> =
+            rows.iter().map(|(row, offset, w, _)| (offset - row.dot(&by)).abs() * w.sqrt()).collect();
         far.sort_by(f64::total_cmp);
         scale = (1.4826 * far[far.len() / 2]).max(1.0);
     }

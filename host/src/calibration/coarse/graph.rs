@@ -14,8 +14,6 @@ use super::{Degrees, MarkerId, Millimetres, Place};
 use nalgebra::{Isometry3, Matrix6};
 use std::collections::{BTreeMap, BTreeSet};
 
-pub(super) use adjust::Solution;
-
 /// A marker's pose seen from a place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
@@ -80,13 +78,7 @@ pub fn solve(views: &[View], substrate: MarkerId) -> Result<Registration, Coarse
     let unconnected = seen.iter().filter(|id| !linked.0.contains(id)).copied().collect();
     let active: Vec<&View> = all.into_iter().filter(|v| linked.0.contains(&v.marker)).collect();
     let (solution, rejected) = doubt::settle(active, substrate)?;
-    Ok(Registration {
-        substrate,
-        markers: solution.markers(substrate),
-        places: solution.places,
-        rejected,
-        unconnected,
-    })
+    Ok(Registration { substrate, markers: solution.markers(substrate), places: solution.places, rejected, unconnected })
 }
 
 /// Markers and places that chains of views link to the substrate's marker.

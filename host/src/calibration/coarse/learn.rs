@@ -7,6 +7,7 @@
 pub mod fine;
 pub mod moves;
 mod place;
+mod plain;
 
 pub use place::{Coarse, Joints, NeedsObjective, Now, place};
 
@@ -20,12 +21,16 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ManipulatorMarker {
     /// How the tip moves with the joints, one joint a column: mm per mm.
+    #[serde(with = "plain::matrix")]
     pub axes: Matrix3<f64>,
     /// The tip at `joints_um`, mm.
+    #[serde(with = "plain::point")]
     pub tip_mm: Option<Point3<f64>>,
     /// The joints' positions at which `tip_mm` and the marker were seen together, µm.
+    #[serde(with = "plain::vector")]
     pub joints_um: Vector3<f64>,
     /// The pipette's direction, from its holder to its tip, of length 1.
+    #[serde(with = "plain::direction")]
     pub pipette: Option<Vector3<f64>>,
     /// Whether the marker moves with the tip, or sticks to the base.
     pub rides: bool,
@@ -35,6 +40,7 @@ pub struct ManipulatorMarker {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectiveMarker {
     /// The frame mic, origin at the focal point, in the marker's frame; mm.
+    #[serde(with = "plain::pose")]
     pub mic: Isometry3<f64>,
 }
 
@@ -46,6 +52,7 @@ pub struct Learned {
     /// Markers on the objective.
     pub objectives: BTreeMap<MarkerId, ObjectiveMarker>,
     /// Substrate marker to ref, mm, valid while the substrate stays where it is.
+    #[serde(with = "plain::maybe_pose")]
     pub substrate: Option<Isometry3<f64>>,
 }
 
@@ -68,7 +75,9 @@ pub enum LearnError {
     #[error("a click names place {0}, from which no markers were placed: give the number K of its place_K_left.png")]
     UnknownPlace(super::Place),
     /// Two clicks that are not the same point.
-    #[error("place {place}: the clicks left and right are {px:.1} px from showing one point: click the same point in both pictures")]
+    #[error(
+        "place {place}: the clicks left and right are {px:.1} px from showing one point: click the same point in both pictures"
+    )]
     ClicksApart {
         /// Which place.
         place: super::Place,
@@ -82,7 +91,9 @@ pub enum LearnError {
         mm: f64,
     },
     /// Moves that do not span space.
-    #[error("marker {marker}: the joints' positions do not determine the axes: photograph the rest and a move of each of the three joints, 5 mm or more")]
+    #[error(
+        "marker {marker}: the joints' positions do not determine the axes: photograph the rest and a move of each of the three joints, 5 mm or more"
+    )]
     Moves {
         /// On which manipulator.
         marker: MarkerId,
@@ -96,7 +107,9 @@ pub enum LearnError {
         set: String,
     },
     /// The marker does not move as the joints do.
-    #[error("marker {marker}: its moves are off a straight path by {mm:.2} mm: are the joints' positions those of the pictures, in µm?")]
+    #[error(
+        "marker {marker}: its moves are off a straight path by {mm:.2} mm: are the joints' positions those of the pictures, in µm?"
+    )]
     NotLinear {
         /// Which.
         marker: MarkerId,
@@ -110,7 +123,9 @@ pub enum LearnError {
         mm: f64,
     },
     /// Too few points to link substrate and ref.
-    #[error("the sets do not determine how substrate and ref lie to each other: give moves of at least two joints, and one click on a tip")]
+    #[error(
+        "the sets do not determine how substrate and ref lie to each other: give moves of at least two joints, and one click on a tip"
+    )]
     Link,
     /// No clicks.
     #[error("no clicks were given for marker {marker}: click on the tip in both pictures of a place")]

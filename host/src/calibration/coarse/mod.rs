@@ -7,8 +7,8 @@
 //! A marker's frame has its origin at the marker's centre, x right and y down with the marker upright, z into the paper. Poses are
 //! marker → substrate marker, mm.
 
-pub mod board;
 mod blur;
+pub mod board;
 pub mod camera;
 pub mod edges;
 pub mod fit;

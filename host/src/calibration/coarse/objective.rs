@@ -22,7 +22,9 @@ pub struct HeightChange {
 #[derive(Debug, Error, PartialEq)]
 pub enum HeightError {
     /// It moved sideways too.
-    #[error("the objective moved sideways by {sideways} while {up} upwards: a focus knob does not do that; register the markers anew")]
+    #[error(
+        "the objective moved sideways by {sideways} while {up} upwards: a focus knob does not do that; register the markers anew"
+    )]
     Sideways {
         /// Along x and y.
         sideways: Millimetres,
@@ -30,7 +32,9 @@ pub enum HeightError {
         up: Millimetres,
     },
     /// It turned.
-    #[error("the objective's marker turned by {0}: it came loose, or another objective is in use; register the markers anew")]
+    #[error(
+        "the objective's marker turned by {0}: it came loose, or another objective is in use; register the markers anew"
+    )]
     Turned(Degrees),
     /// A focus that is no number.
     #[error("the tip's height {0} µm is no number")]
@@ -93,7 +97,10 @@ mod tests {
 
     /// The substrate's marker as it lies on the table: z into the paper, so down.
     fn lying() -> Isometry3<f64> {
-        Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0))
+        Isometry3::from_parts(
+            Translation3::identity(),
+            UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0),
+        )
     }
 
     #[test]

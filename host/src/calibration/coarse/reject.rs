@@ -40,7 +40,9 @@ pub enum CoarseError {
         expected: [usize; 2],
     },
     /// Left and right are one picture.
-    #[error("place {0}: left and right are the same picture: a single (mono) picture gives no depth, take one with each camera")]
+    #[error(
+        "place {0}: left and right are the same picture: a single (mono) picture gives no depth, take one with each camera"
+    )]
     SamePicture(Place),
     /// Left and right were exchanged.
     #[error("place {0}: the markers lie behind the camera: left and right pictures are exchanged")]
@@ -56,7 +58,9 @@ pub enum CoarseError {
         px: f64,
     },
     /// Markers are not of the size given.
-    #[error("the markers measure {measured:.1} mm in the pictures, --tag-mm says {given:.1}: give the length of the black border's outer edge")]
+    #[error(
+        "the markers measure {measured:.1} mm in the pictures, --tag-mm says {given:.1}: give the length of the black border's outer edge"
+    )]
     TagSize {
         /// What triangulation gives.
         measured: f64,
@@ -64,7 +68,10 @@ pub enum CoarseError {
         given: f64,
     },
     /// A mirrored print or picture.
-    #[error("place {place}: in the {side} picture marker {} can be read only mirrored: print the sheet unmirrored, and save pictures unflipped", list(ids))]
+    #[error(
+        "place {place}: in the {side} picture marker {} can be read only mirrored: print the sheet unmirrored, and save pictures unflipped",
+        list(ids)
+    )]
     Mirrored {
         /// Where.
         place: Place,
@@ -77,7 +84,10 @@ pub enum CoarseError {
     #[error("no marker was found in any picture: light them evenly, and let each be at least 40 px wide")]
     NoMarkers,
     /// No substrate marker.
-    #[error("the substrate's marker {substrate} is in no pair of pictures (seen: {}): put it in view, or name another with --substrate", list(seen))]
+    #[error(
+        "the substrate's marker {substrate} is in no pair of pictures (seen: {}): put it in view, or name another with --substrate",
+        list(seen)
+    )]
     NoSubstrate {
         /// The one asked for.
         substrate: MarkerId,
@@ -85,7 +95,9 @@ pub enum CoarseError {
         seen: Vec<MarkerId>,
     },
     /// The substrate's marker is there twice.
-    #[error("place {place}: the substrate's marker {substrate} is twice in the {side} picture: cover or remove one of the two prints")]
+    #[error(
+        "place {place}: the substrate's marker {substrate} is twice in the {side} picture: cover or remove one of the two prints"
+    )]
     SubstrateTwice {
         /// The marker.
         substrate: MarkerId,
@@ -187,16 +199,28 @@ impl std::fmt::Display for Rejected {
             write!(f, ", place {place}")?;
         }
         match &self.why {
-            Why::Twice { side } => write!(f, ": seen twice with the same id in the {side} picture; remove one of the two prints"),
-            Why::Moved { mm, deg, places } => {
-                write!(f, ": moved by {mm} and {deg} between places {}; fix it and take the pictures again", list(places))
+            Why::Twice { side } => {
+                write!(f, ": seen twice with the same id in the {side} picture; remove one of the two prints")
             }
-            Why::WrongPose { mm, deg } => write!(f, ": {mm} and {deg} from where the other views have it; this view is left out"),
-            Why::NoStereoMatch { px } => write!(f, ": left and right contradict each other by {px:.1} px; this view is left out"),
+            Why::Moved { mm, deg, places } => {
+                write!(
+                    f,
+                    ": moved by {mm} and {deg} between places {}; fix it and take the pictures again",
+                    list(places)
+                )
+            }
+            Why::WrongPose { mm, deg } => {
+                write!(f, ": {mm} and {deg} from where the other views have it; this view is left out")
+            }
+            Why::NoStereoMatch { px } => {
+                write!(f, ": left and right contradict each other by {px:.1} px; this view is left out")
+            }
             Why::TagSize { measured_mm } => {
                 write!(f, ": measures {measured_mm} across, another size than given; give its own with --tag-mm-of")
             }
-            Why::Unclear => f.write_str(": found in one picture only, or its edges cannot be measured; this view is left out"),
+            Why::Unclear => {
+                f.write_str(": found in one picture only, or its edges cannot be measured; this view is left out")
+            }
         }
     }
 }

@@ -60,7 +60,9 @@ pub enum Action {
 #[derive(Debug, Error, PartialEq)]
 pub enum SearchError {
     /// The field is too small.
-    #[error("a coarse position, good to {uncertainty}, is searched for at 4x or less, not at {magnification}x: change the objective")]
+    #[error(
+        "a coarse position, good to {uncertainty}, is searched for at 4x or less, not at {magnification}x: change the objective"
+    )]
     Magnification {
         /// Of the objective.
         magnification: f64,
@@ -68,7 +70,9 @@ pub enum SearchError {
         uncertainty: Millimetres,
     },
     /// The expected spot is below the floor by more than its uncertainty.
-    #[error("the tip is expected at z = {z_um:.0} µm, below the floor at {floor_um:.0} µm by more than its uncertainty: check the coarse registration and the floor")]
+    #[error(
+        "the tip is expected at z = {z_um:.0} µm, below the floor at {floor_um:.0} µm by more than its uncertainty: check the coarse registration and the floor"
+    )]
     BelowFloor {
         /// Expected height.
         z_um: f64,

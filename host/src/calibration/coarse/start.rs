@@ -3,7 +3,9 @@
 use super::camera::{Side, StereoCamera};
 use super::fit::{look, nudge};
 use super::marker::{Found, outline};
-use nalgebra::{DMatrix, Isometry3, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{
+    DMatrix, Isometry3, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
+};
 
 /// The pose that carries the points `from` onto `to` with the least sum of squares (Kabsch 1976); `None` for collinear points.
 pub fn rigid(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<Isometry3<f64>> {

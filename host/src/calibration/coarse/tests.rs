@@ -1,6 +1,9 @@
 //! Rendered pairs: what the registration is worth.
 
 mod bad_input;
+mod board;
+mod learning;
+mod poses_file;
 mod scene;
 
 use super::*;
@@ -23,14 +26,14 @@ fn over_seeds(seeds: std::ops::Range<u64>, change: impl Fn(&mut Rig)) -> (Vec<f6
 
 #[test]
 fn two_places_give_a_tenth_of_a_millimetre() {
-    let (mm, deg) = over_seeds(1..5, |_| {});
+    let (mm, deg) = over_seeds(1..4, |_| {});
     println!("{:.4} mm, {:.4} deg RMS; {mm:.3?} {deg:.3?}", rms(&mm), rms(&deg));
     assert!(rms(&mm) <= 0.12 && rms(&deg) <= 0.2, "{} mm, {} deg", rms(&mm), rms(&deg));
 }
 
 #[test]
 fn gamma_encoded_pictures_are_read_in_light() {
-    let (mm, deg) = over_seeds(1..4, |rig| rig.finish.gamma = 2.2);
+    let (mm, deg) = over_seeds(1..3, |rig| rig.finish.gamma = 2.2);
     println!("{:.4} mm, {:.4} deg RMS; {mm:.3?} {deg:.3?}", rms(&mm), rms(&deg));
     assert!(rms(&mm) <= 0.3 && rms(&deg) <= 0.3, "{} mm, {} deg", rms(&mm), rms(&deg));
 }

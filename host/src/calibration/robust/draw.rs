@@ -77,7 +77,13 @@ mod tests {
     fn draws_are_distinct_and_repeat_with_their_seed() {
         let run = || {
             let mut rng = Pcg64::seed_from_u64(3);
-            (0..100).map(|_| { let mut s = [0; 4]; draw(&mut rng, &mut s, 5); s }).collect::<Vec<_>>()
+            (0..100)
+                .map(|_| {
+                    let mut s = [0; 4];
+                    draw(&mut rng, &mut s, 5);
+                    s
+                })
+                .collect::<Vec<_>>()
         };
         assert_eq!(run(), run());
         assert!(run().iter().all(|s| (0..4).all(|i| !s[..i].contains(&s[i]))));

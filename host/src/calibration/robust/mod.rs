@@ -178,7 +178,9 @@ pub enum SolveError {
         model: &'static str,
     },
     /// The plain loop ended without a share of inliers that passes.
-    #[error("the plain loop found no map that {share:.0} % of the points fit in {draws} draws: try another seed, or the robust estimator")]
+    #[error(
+        "the plain loop found no map that {share:.0} % of the points fit in {draws} draws: try another seed, or the robust estimator"
+    )]
     PlainFailed {
         /// Draws made.
         draws: u64,

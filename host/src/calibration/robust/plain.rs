@@ -2,7 +2,7 @@
 
 use super::draw::{draw, draws_needed};
 use super::search::{Candidate, Search};
-use super::{SolveError, Solution, solution};
+use super::{Solution, SolveError, solution};
 
 /// Probability that one draw is clean, and the share of inliers assumed, which is also the share that ends the loop.
 const P: f64 = 0.99;

@@ -5,7 +5,7 @@
 //! deviations of the inliers' residuals, and solver and tolerance take turns until both stand still.
 
 use super::search::{Search, TOLERANCE_SIGMAS};
-use super::{SolveError, Solution, conclude};
+use super::{Solution, SolveError, conclude};
 use nalgebra::SVector;
 
 /// The smallest tolerance, as a share of the points' extent: exact points have residuals of rounding only.

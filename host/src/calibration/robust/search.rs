@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 /// Distinct hypotheses that are refined.
-const KEPT: usize = 24;
+const KEPT: usize = 16;
 /// A sample whose leverage over all points averages more than this spans too little to tell anything of them.
 const WIDEST: f64 = 400.0;
 /// Most extra tolerance that leverage earns a point outside the fit.
@@ -22,7 +22,7 @@ pub const TOLERANCE_SIGMAS: f64 = 4.0;
 /// Largest share of a point's cost that the prior may charge for one axis: it breaks ties, it does not overrule points.
 const PRIOR_CAP: f64 = 1.0;
 /// Maps whose costs differ by less than this share of an outlier explain the points as well as each other.
-const TIE: f64 = 0.5;
+const TIE: f64 = 0.2;
 /// An axis resting on one point is doubted beyond this many standard deviations from the prior.
 const UNLIKELY: f64 = 3.5;
 
@@ -167,15 +167,10 @@ impl<'a, const D: usize> Search<'a, D> {
         let mut next = Vec::with_capacity(self.src.len());
         for _ in 0..20 {
             next.clear();
-            let mut inside = chosen.iter().peekable();
             for (i, (x, y)) in self.src.iter().zip(self.dst).enumerate() {
-                let used = inside.next_if(|&&used| used == i).is_some();
                 let r2 = (y - fit.map.apply(x)).norm_squared();
-                let takes = r2 <= limit
-                    || (!used
-                        && r2 <= limit * (1.0 + MOST_LEVERAGE)
-                        && r2 <= limit * (1.0 + fit.leverage(x).min(MOST_LEVERAGE)));
-                if takes {
+                let near = r2 <= limit * (1.0 + MOST_LEVERAGE);
+                if r2 <= limit || (near && r2 <= limit * (1.0 + fit.leverage(x).min(MOST_LEVERAGE))) {
                     next.push(i);
                 }
             }
@@ -210,10 +205,16 @@ impl<'a, const D: usize> Search<'a, D> {
     pub fn rival(&self, candidates: &[Candidate<D>], tolerance: f64) -> Option<Ambiguity<D>> {
         let (best, others) = candidates.split_first()?;
         let differs = |other: &Candidate<D>| {
-            let squares: f64 = self.src.iter().map(|x| (best.fit.map.apply(x) - other.fit.map.apply(x)).norm_squared()).sum();
+            let squares: f64 =
+                self.src.iter().map(|x| (best.fit.map.apply(x) - other.fit.map.apply(x)).norm_squared()).sum();
             squares / self.src.len() as f64 > tolerance * tolerance
         };
-        let rival = others.iter().take_while(|other| other.cost - best.cost < TIE).find(|other| differs(other))?;
+        // One that leaves out some of the best's points and explains no other is no rival.
+        let explains = |other: &Candidate<D>| other.chosen.iter().any(|i| best.chosen.binary_search(i).is_err());
+        let rival = others
+            .iter()
+            .take_while(|other| other.cost - best.cost < TIE)
+            .find(|other| explains(other) && differs(other))?;
         Some(Ambiguity::Rival { map: rival.fit.map, inliers: flags(&rival.chosen, self.src.len()) })
     }
 

@@ -67,7 +67,8 @@ pub fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
             from_view(&before, &after, arguments.motors_um.0, &over)?
         }
     };
-    let text = format!("the objective stands {:+.1} µm higher than calibrated (± {:.1} µm)", change.z_um, change.error_um);
+    let text =
+        format!("the objective stands {:+.1} µm higher than calibrated (± {:.1} µm)", change.z_um, change.error_um);
     out.result(&text, &change)
 }
 

@@ -110,7 +110,8 @@ pub(super) fn run(arguments: &Arguments, file: &Path, out: Output) -> anyhow::Re
         for (id, row) in &session.fine {
             let marker = MarkerId(*id);
             let seen = stops.remove(&marker);
-            let seen = seen.ok_or_else(|| anyhow!("marker {id} has a fine calibration but is in no set: add it to one"))?;
+            let seen =
+                seen.ok_or_else(|| anyhow!("marker {id} has a fine calibration but is in no set: add it to one"))?;
             all.insert(marker, (row.fine(), seen));
         }
         fine::learn(&all, objective.as_ref())?

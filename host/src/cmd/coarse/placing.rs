@@ -29,7 +29,9 @@ pub(super) fn from_pairs(arguments: &Arguments, folder: &Path) -> anyhow::Result
     let camera = stereo::read(file)?;
     let pairs = pairs::read(folder)?;
     if pairs.len() < 2 {
-        eprintln!("one place only: markers hidden there are missed, and nothing shows a wrong pose; two places are better");
+        eprintln!(
+            "one place only: markers hidden there are missed, and nothing shows a wrong pose; two places are better"
+        );
     }
     Ok(register(&pairs, &camera, &settings(arguments))?)
 }
@@ -89,11 +91,8 @@ fn to_text(found: &Registration) -> String {
     let mut text = format!("relative to marker {}, mm:\n", found.substrate);
     for (id, m) in &found.markers {
         let t = m.pose.translation.vector;
-        let _ = writeln!(
-            text,
-            "marker {id}: {:9.3} {:9.3} {:9.3}   ± {}, {}",
-            t.x, t.y, t.z, m.position, m.orientation
-        );
+        let _ =
+            writeln!(text, "marker {id}: {:9.3} {:9.3} {:9.3}   ± {}, {}", t.x, t.y, t.z, m.position, m.orientation);
     }
     text
 }

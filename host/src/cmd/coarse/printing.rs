@@ -15,7 +15,8 @@ pub(super) fn ids(text: &str) -> Result<Ids, String> {
     let mut all = Vec::new();
     for part in text.split(',') {
         let (from, to) = part.split_once('-').unwrap_or((part, part));
-        let number = |s: &str| s.trim().parse::<u16>().map_err(|_| format!("'{part}' is no number and no range: write 0-3,7"));
+        let number =
+            |s: &str| s.trim().parse::<u16>().map_err(|_| format!("'{part}' is no number and no range: write 0-3,7"));
         let (from, to) = (number(from)?, number(to)?);
         if from > to || to > 586 {
             return Err(format!("'{part}': markers go from 0 to 586, the smaller number first"));

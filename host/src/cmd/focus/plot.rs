@@ -60,6 +60,7 @@ fn chart(
     let mut chart = ChartBuilder::on(cell)
         .caption(row.measure.name(), (FONT, 15).into_font().color(&INK))
         .margin(8)
+        .margin_right(18)
         .x_label_area_size(34)
         .y_label_area_size(40)
         .build_cartesian_2d(first..last.max(first + f64::EPSILON), -0.03..1.08)

@@ -10,6 +10,11 @@ pub trait Pixel: Copy + Ord + Into<i32> + Into<u32> + Into<u64> + 'static {
     where
         Self: Sized;
 
+    /// The plane as 16-bit words, if that is what its pixels are.
+    fn words<'p, 'a>(plane: &'p Plane<'a, Self>) -> Option<&'p Plane<'a, u16>>
+    where
+        Self: Sized;
+
     /// The square of a combination of pixels, exact. Only |weights| that add up to 40 or less are ever used.
     fn square(combination: i32) -> u64;
 }
@@ -19,6 +24,10 @@ impl Pixel for u8 {
 
     fn bytes<'p, 'a>(plane: &'p Plane<'a, u8>) -> Option<&'p Plane<'a, u8>> {
         Some(plane)
+    }
+
+    fn words<'p, 'a>(_: &'p Plane<'a, u8>) -> Option<&'p Plane<'a, u16>> {
+        None
     }
 
     #[inline(always)]
@@ -33,6 +42,10 @@ impl Pixel for u16 {
 
     fn bytes<'p, 'a>(_: &'p Plane<'a, u16>) -> Option<&'p Plane<'a, u8>> {
         None
+    }
+
+    fn words<'p, 'a>(plane: &'p Plane<'a, u16>) -> Option<&'p Plane<'a, u16>> {
+        Some(plane)
     }
 
     #[inline(always)]

@@ -64,9 +64,11 @@ pub fn vollath4<P: Pixel>(plane: &Plane<'_, P>) -> i128 {
 
 #[inline(always)]
 pub fn vollath4_of_row<P: Pixel>(row: &[P]) -> i64 {
+    let Some(count) = row.len().checked_sub(2) else { return 0 };
+    let (here, next, after) = (&row[..count], &row[1..][..count], &row[2..][..count]);
     let mut sum = 0i64;
-    for three in row.array_windows() {
-        let [a, b, c]: [i32; 3] = three.map(Into::into);
+    for x in 0..count {
+        let [a, b, c]: [i32; 3] = [here[x], next[x], after[x]].map(Into::into);
         sum += i64::from(a) * i64::from(b - c);
     }
     sum
@@ -143,9 +145,15 @@ stencil!(
 /// The sum of `term` over the inner pixels of the middle one of three rows; `term` gets the 3x3 around each.
 #[inline(always)]
 fn inner<P: Pixel>([u, c, d]: [&[P]; 3], term: impl Fn([[i32; 3]; 3]) -> u64) -> u64 {
+    let Some(count) = c.len().checked_sub(2) else { return 0 };
+    // Nine slices of one known length: no bounds are left to check inside the loop, so it becomes vectors.
+    let (u0, u1, u2) = (&u[..count], &u[1..][..count], &u[2..][..count]);
+    let (c0, c1, c2) = (&c[..count], &c[1..][..count], &c[2..][..count]);
+    let (d0, d1, d2) = (&d[..count], &d[1..][..count], &d[2..][..count]);
     let mut sum = 0;
-    for ((u, c), d) in u.array_windows().zip(c.array_windows()).zip(d.array_windows()) {
-        sum += term([u.map(Into::into), c.map(Into::into), d.map(Into::into)]);
+    for x in 0..count {
+        sum +=
+            term([[u0[x], u1[x], u2[x]], [c0[x], c1[x], c2[x]], [d0[x], d1[x], d2[x]]].map(|row| row.map(Into::into)));
     }
     sum
 }

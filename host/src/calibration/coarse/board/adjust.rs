@@ -4,7 +4,9 @@ use super::super::camera::{Lens, Side, StereoCamera};
 use super::super::fit::nudge;
 use super::super::lm::minimise;
 use super::Corner;
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector6};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector6,
+};
 
 /// What the corners say.
 pub(super) struct Fit {
@@ -23,7 +25,8 @@ pub(super) fn adjust(corners: &[Corner], image_size: [usize; 2], pairs: usize) -
     let mut lenses = Vec::new();
     let mut boards = Vec::new();
     for side in Side::BOTH {
-        let maps: Vec<Matrix3<f64>> = (0..pairs).map(|k| homography(corners, k, side, centre)).collect::<Option<_>>()?;
+        let maps: Vec<Matrix3<f64>> =
+            (0..pairs).map(|k| homography(corners, k, side, centre)).collect::<Option<_>>()?;
         let f = focal(&maps, image_size);
         lenses.push(Lens { fx: f, fy: f, cx: centre.x, cy: centre.y, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 });
         boards.push(maps.iter().map(|h| board_pose(h, f)).collect::<Option<Vec<_>>>()?);
@@ -33,7 +36,8 @@ pub(super) fn adjust(corners: &[Corner], image_size: [usize; 2], pairs: usize) -
     let off = |a: &Isometry3<f64>| between.iter().map(|b| (a.rotation.angle_to(&b.rotation)).min(0.2)).sum::<f64>();
     let first = *between.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
     let start = [&lenses[0], &lenses[1]].map(numbers).concat();
-    let start = DVector::from_iterator(CAMERAS + 6 * pairs, start.into_iter().chain(std::iter::repeat_n(0.0, 6 + 6 * pairs)));
+    let start =
+        DVector::from_iterator(CAMERAS + 6 * pairs, start.into_iter().chain(std::iter::repeat_n(0.0, 6 + 6 * pairs)));
     let pose = |x: &DVector<f64>, at: usize, from: &Isometry3<f64>| {
         nudge(from, &Vector6::from_iterator(x.rows(at, 6).iter().copied()))
     };
@@ -66,7 +70,8 @@ pub(super) fn adjust(corners: &[Corner], image_size: [usize; 2], pairs: usize) -
     let rest = residuals(x)?;
     let rms = |part: &dyn Fn(&Corner) -> bool| {
         let chosen = corners.iter().enumerate().filter(|(_, c)| part(c));
-        let (sum, count) = chosen.fold((0.0, 0), |(sum, n), (k, _)| (sum + rest.fixed_rows::<2>(2 * k).norm_squared(), n + 1));
+        let (sum, count) =
+            chosen.fold((0.0, 0), |(sum, n), (k, _)| (sum + rest.fixed_rows::<2>(2 * k).norm_squared(), n + 1));
         (sum / f64::from(count.max(1))).sqrt()
     };
     let pair_rms_px = (0..pairs).map(|k| rms(&|c| c.pair == k)).collect();

@@ -1,11 +1,11 @@
 //! A marker's corners from its edges, without knowing where the camera is: a homography is moved until the borders lie on the edges.
 
+use super::super::CoarseError;
 use super::super::camera::Lens;
 use super::super::edges::{Edge, Grey, Tone, borders, measure as measure_edges};
 use super::super::fit::tukey;
 use super::super::levels::Levels;
 use super::super::marker::{Found, cells, find, outline};
-use super::super::CoarseError;
 use super::Board;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -17,10 +17,17 @@ pub(super) fn find_on(board: &Board, picture: &Grey) -> Result<Vec<Found>, Coars
 }
 
 /// Corners on the board (mm) and in the picture (px).
-pub(super) fn measure(board: &Board, picture: &Grey, found: &[Found], lens: &Lens) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+pub(super) fn measure(
+    board: &Board,
+    picture: &Grey,
+    found: &[Found],
+    lens: &Lens,
+) -> Vec<(Vector2<f64>, Vector2<f64>)> {
     let mut all = Vec::new();
     for tag in found {
-        let Some((centre, corners)) = board.centre(tag.id).zip(refine(board.tag_mm, picture, tag, lens)) else { continue };
+        let Some((centre, corners)) = board.centre(tag.id).zip(refine(board.tag_mm, picture, tag, lens)) else {
+            continue;
+        };
         all.extend(outline(board.tag_mm).map(|c| c + centre).into_iter().zip(corners));
     }
     all

@@ -53,13 +53,8 @@ impl Solution {
 
 /// First poses: outwards from the substrate, then each place and marker at the one of its candidates that agrees best with the rest.
 fn start(views: &[&View], substrate: MarkerId) -> Solution {
-    let mut s = Solution {
-        places: BTreeMap::new(),
-        poses: BTreeMap::new(),
-        covariance: BTreeMap::new(),
-        cost: 0.0,
-        substrate,
-    };
+    let mut s =
+        Solution { places: BTreeMap::new(), poses: BTreeMap::new(), covariance: BTreeMap::new(), cost: 0.0, substrate };
     let (markers, places) = linked(views, substrate);
     loop {
         let before = s.places.len() + s.poses.len();
@@ -88,7 +83,8 @@ fn start(views: &[&View], substrate: MarkerId) -> Solution {
         }
         for id in markers.iter().filter(|id| **id != substrate) {
             let candidates = views.iter().filter(|v| v.marker == *id);
-            let candidates: Vec<_> = candidates.filter_map(|v| Some(s.places.get(&v.place)?.inverse() * v.pose)).collect();
+            let candidates: Vec<_> =
+                candidates.filter_map(|v| Some(s.places.get(&v.place)?.inverse() * v.pose)).collect();
             let total = |m: &Isometry3<f64>| candidates.iter().map(|c| distance(c, m)).sum::<f64>();
             if let Some(best) = candidates.iter().min_by(|a, b| total(a).total_cmp(&total(b))) {
                 s.poses.insert(*id, *best);

@@ -3,8 +3,8 @@
 //! As long as views contradict each other, the one is left out without which the rest agrees best. A marker that loses half of its
 //! views that way has moved: nothing tells which of them is right, so all of them go.
 
-use super::adjust::{Loss, Solution, adjust};
 use super::super::reject::{CoarseError, Rejected, Why};
+use super::adjust::{Loss, Solution, adjust};
 use super::{Degrees, MarkerId, Millimetres, Place, View, apart};
 use std::collections::BTreeMap;
 

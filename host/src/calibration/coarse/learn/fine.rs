@@ -58,13 +58,16 @@ pub fn learn(
         let Some(stop) = stops.first() else { return Err(LearnError::Moves { marker: *id }) };
         let turn = (stop.marker.rotation.inverse() * back.rotation).to_rotation_matrix().into_inner();
         let tip = back * Point3::from(fine.tip_mm(&stop.joints_um));
-        learned.manipulators.insert(*id, ManipulatorMarker {
-            axes: turn * fine.axes,
-            tip_mm: Some(stop.marker.inverse_transform_point(&tip)),
-            joints_um: stop.joints_um,
-            pipette: fine.pipette.map(|[theta, psi]| turn * direction(theta, psi)),
-            rides: rides(stops),
-        });
+        learned.manipulators.insert(
+            *id,
+            ManipulatorMarker {
+                axes: turn * fine.axes,
+                tip_mm: Some(stop.marker.inverse_transform_point(&tip)),
+                joints_um: stop.joints_um,
+                pipette: fine.pipette.map(|[theta, psi]| turn * direction(theta, psi)),
+                rides: rides(stops),
+            },
+        );
     }
     if let Some(o) = objective {
         // p_mic = p_ref − P_M (4.4)
@@ -77,7 +80,8 @@ pub fn learn(
 
 /// Whether the marker moves with the joints; one that was seen at one stop only is taken to.
 fn rides(stops: &[Stop]) -> bool {
-    let apart = |f: &dyn Fn(&Stop) -> Vector3<f64>| stops.iter().map(|s| (f(s) - f(&stops[0])).norm()).fold(0.0, f64::max);
+    let apart =
+        |f: &dyn Fn(&Stop) -> Vector3<f64>| stops.iter().map(|s| (f(s) - f(&stops[0])).norm()).fold(0.0, f64::max);
     let joints = apart(&|s| s.joints_um / 1000.0);
     joints < 0.5 || apart(&|s| s.marker.translation.vector) > 0.3 * joints
 }

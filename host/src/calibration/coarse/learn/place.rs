@@ -1,6 +1,6 @@
 //! From markers seen now to each manipulator's coarse registration.
 
-use super::{Learned, LearnError};
+use super::{LearnError, Learned};
 use crate::calibration::coarse::{Degrees, MarkerId, Millimetres, Registration, graph::MarkerPose};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
@@ -76,17 +76,20 @@ pub fn place(seen: &Registration, learned: &Learned, now: &Now) -> Result<BTreeM
         let origin = tip.unwrap_or(to_marker.translation.vector * 1000.0) - axes * joints;
         let u = marker.pipette.map(|p| turn * p);
         let here = now.joints_um.get(id).map_or(joints, |j| *j);
-        all.insert(*id, Coarse {
-            man_to_ref_um: std::array::from_fn(|i| {
-                std::array::from_fn(|j| if j < 3 { axes[(i, j)] } else { origin[i] })
-            }),
-            tip_um: tip.map(|_| (axes * here + origin).into()),
-            tip_error: tip_error(pose, marker.tip_mm, by, &to_ref),
-            theta: u.map(|u| Degrees((-u.z).clamp(-1.0, 1.0).asin().to_degrees())),
-            psi: u.map(|u| Degrees(u.y.atan2(u.x).to_degrees())),
-            direction_error: Degrees(pose.orientation.0.hypot(by.map_or(0.0, |b| b.orientation.0))),
-            frame,
-        });
+        all.insert(
+            *id,
+            Coarse {
+                man_to_ref_um: std::array::from_fn(|i| {
+                    std::array::from_fn(|j| if j < 3 { axes[(i, j)] } else { origin[i] })
+                }),
+                tip_um: tip.map(|_| (axes * here + origin).into()),
+                tip_error: tip_error(pose, marker.tip_mm, by, &to_ref),
+                theta: u.map(|u| Degrees((-u.z).clamp(-1.0, 1.0).asin().to_degrees())),
+                psi: u.map(|u| Degrees(u.y.atan2(u.x).to_degrees())),
+                direction_error: Degrees(pose.orientation.0.hypot(by.map_or(0.0, |b| b.orientation.0))),
+                frame,
+            },
+        );
     }
     Ok(all)
 }

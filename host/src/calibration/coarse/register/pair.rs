@@ -1,13 +1,15 @@
 //! One pair of pictures: its markers found, and whether the two pictures belong together.
 
 use super::super::camera::{Side, StereoCamera};
-use super::super::edges::Grey;
+use super::super::edges::{Grey, Tone};
+use super::super::fit::look;
+use super::super::levels::Levels;
 use super::super::marker::{Found, find, refuse_mirrored};
 use super::super::reject::{CoarseError, Rejected, Why};
-use super::super::start::{from_points, to_corners, triangulated};
+use super::super::start::{from_one_picture, from_points, to_corners, triangulated};
 use super::super::{MarkerId, Millimetres, Place};
 use super::{Pair, Settings};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector2};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A marker found in both pictures.
@@ -69,7 +71,6 @@ pub(super) fn read(pair: &Pair, camera: &StereoCamera, settings: &Settings) -> R
     let mut behind = 0;
     for (id, l) in left.iter() {
         let Some(r) = right.get(id) else { continue };
-        let size = settings.size(*id);
         let points = triangulated(camera, l, r);
         if points.is_some_and(|p| p.iter().all(|p| p.z < 0.0)) {
             behind += 1;
@@ -81,12 +82,11 @@ pub(super) fn read(pair: &Pair, camera: &StereoCamera, settings: &Settings) -> R
             let measured = Millimetres(side_length(&points));
             let both = [(Side::Left, l), (Side::Right, r)];
             let (_, start) = to_corners(camera, &both, &from_points(&points, measured.0)?, measured.0)?;
-            let start = Isometry3::from_parts(start.translation, start.rotation);
             Some(Match { id: *id, start, measured, span_px: l.span() })
         });
         match start {
             Some(start) if off < (CORNERS_OFF.0 * l.span()).max(CORNERS_OFF.1) => matches.push(start),
-            _ => strays.push((*id, off, size)),
+            _ => strays.push((*id, off)),
         }
     }
     let common = matches.len() + strays.len() + behind;
@@ -98,16 +98,30 @@ pub(super) fn read(pair: &Pair, camera: &StereoCamera, settings: &Settings) -> R
         off.sort_by(f64::total_cmp);
         return Err(CoarseError::OutOfOrder { place, px: off.get(off.len() / 2).copied().unwrap_or(f64::NAN) });
     }
-    for (marker, px, _) in strays {
+    for (marker, px) in strays {
         rejected.push(Rejected { marker, place: Some(place), why: Why::NoStereoMatch { px } });
     }
     let alone = |side: Side| {
         let other = &found[1 - side as usize];
-        found[side as usize].values().filter(|f| !other.contains_key(&f.id)).map(move |f| (side, *f))
+        let picture = if side == Side::Left { &pair.left } else { &pair.right };
+        let lone = found[side as usize].values().filter(|f| !other.contains_key(&f.id));
+        lone.filter(move |f| looks_like(picture, camera, side, f, settings)).map(move |f| (side, *f))
     };
     let single = Side::BOTH.into_iter().flat_map(alone).collect();
     Ok(Read { place, matches, single, rejected })
 }
+
+/// Whether the picture shows that marker there, and not clutter that happens to read as one: for lack of a second picture, the squares are compared.
+fn looks_like(picture: &Grey, camera: &StereoCamera, side: Side, found: &Found, settings: &Settings) -> bool {
+    let (Ok(target), tone) = (settings.target(found.id), Tone { gamma: 1.0, blur_px: 1.0 }) else { return false };
+    from_one_picture(camera, side, found, target.size_mm).iter().any(|pose| {
+        let project = |p: Vector2<f64>| look(camera, side, pose, p).map(|(pixel, _)| pixel);
+        Levels::read(picture, &target.cells, target.size_mm, tone, &project).is_some_and(|l| l.likeness > LIKENESS)
+    })
+}
+
+/// Correlation with the marker's squares that clutter does not reach.
+const LIKENESS: f64 = 0.8;
 
 /// Root mean square distance of the corners from the pixels that their triangulated points have, px.
 fn corners_off(camera: &StereoCamera, points: &[Point3<f64>; 4], left: &Found, right: &Found) -> f64 {

@@ -84,9 +84,8 @@ impl Views {
     pub fn samples<'a>(&'a self, pairs: &'a [Pair]) -> Vec<Sample<'a>> {
         let mut order: Vec<&(Place, Match)> = self.matches.iter().collect();
         order.sort_by(|a, b| b.1.span_px.total_cmp(&a.1.span_px));
-        let sample = |(place, m): &&'a (Place, Match)| {
-            Some((pictures(pairs, *place)?, self.targets.get(&m.id)?, m.start))
-        };
+        let sample =
+            |(place, m): &&'a (Place, Match)| Some((pictures(pairs, *place)?, self.targets.get(&m.id)?, m.start));
         let all = order.iter().filter_map(sample);
         all.take(TONE_SAMPLES).collect()
     }

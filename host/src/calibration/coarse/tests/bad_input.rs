@@ -147,10 +147,9 @@ fn markers_without_a_link_are_listed() {
 #[test]
 fn markers_partly_hidden_are_placed() {
     let mut rig = Rig::new(24);
-    for place in [Place(1), Place(2)] {
-        rig.occluders.push((place, disc(&rig, MarkerId(1), [10.0, 3.0], 3.0)));
-        rig.occluders.push((place, disc(&rig, MarkerId(2), [-2.0, 11.0], 2.5)));
-        rig.occluders.push((place, disc(&rig, MarkerId(0), [4.0, 4.0], 3.0)));
+    for (id, at) in [(1, [10.0, 3.0]), (2, [-2.0, 10.0]), (3, [7.0, 7.0])] {
+        let hidden = disc(&rig, MarkerId(id), at, 2.5);
+        rig.occluders.push((Place(1), hidden));
     }
     let found = rig.register().unwrap();
     assert_eq!(found.markers.len(), 4, "{:?}", found.rejected);

@@ -67,15 +67,15 @@ impl Rig {
         let mut around = |range: f64| range * (2.0 * random.random::<f64>() - 1.0);
         let mut truth = BTreeMap::from([(MarkerId(0), Isometry3::identity())]);
         for (id, x, y, z, axis, degrees) in [
-            (1, -62.0, 8.0, -25.0, [0.2, 1.0, 0.1], 32.0),
-            (2, 60.0, -6.0, -28.0, [0.1, 1.0, -0.3], -35.0),
+            (1, -62.0, 8.0, -25.0, [0.2, 1.0, 0.1], 20.0),
+            (2, 60.0, -6.0, -28.0, [0.1, 1.0, -0.3], -20.0),
             (3, 4.0, -55.0, -40.0, [1.0, 0.1, 0.1], 30.0),
         ] {
-            let p = pose(x + around(6.0), y + around(6.0), z + around(5.0), axis, degrees + around(8.0));
+            let p = pose(x + around(6.0), y + around(6.0), z + around(5.0), axis, degrees + around(5.0));
             truth.insert(MarkerId(id), p);
         }
         let mut place = |x: f64, y: f64, z: f64| {
-            looking([x + around(25.0), y + around(25.0), z + around(15.0)], [0.0, -15.0, -15.0], around(15.0))
+            looking([x + around(15.0), y + around(15.0), z + around(15.0)], [0.0, -15.0, -15.0], around(15.0))
         };
         let places = vec![place(-110.0, 110.0, -255.0), place(90.0, 140.0, -250.0)];
         Self {
@@ -137,7 +137,13 @@ impl Rig {
 }
 
 fn lens(lens: &Lens) -> stereo::Lens {
-    stereo::Lens { fx: lens.fx, fy: lens.fy, cx: lens.cx, cy: lens.cy, distortion: [lens.k1, lens.k2, lens.p1, lens.p2] }
+    stereo::Lens {
+        fx: lens.fx,
+        fy: lens.fy,
+        cx: lens.cx,
+        cy: lens.cy,
+        distortion: [lens.k1, lens.k2, lens.p1, lens.p2],
+    }
 }
 
 fn plain(pose: &Isometry3<f64>) -> Pose {
@@ -160,6 +166,21 @@ pub fn errors(rig: &Rig, found: &Registration) -> (Vec<f64>, Vec<f64>) {
         (mm.0, deg.0)
     })
     .unzip()
+}
+
+/// A pair of pictures of markers lying anywhere, by the default camera.
+pub fn render_prints(
+    markers: &[(MarkerId, Isometry3<f64>)],
+    size_mm: f64,
+    to_left: &Isometry3<f64>,
+    at: Place,
+) -> Pair {
+    let mut rig = Rig::new(u64::from(at.0));
+    rig.size_mm = size_mm;
+    rig.truth = markers.iter().copied().collect();
+    rig.places = vec![*to_left];
+    let pair = rig.pairs().remove(0);
+    Pair { place: at, ..pair }
 }
 
 pub fn rms(values: &[f64]) -> f64 {

@@ -1,0 +1,144 @@
+//! The way back: frames that cost no way, where the peak may be.
+//!
+//! Without noise, half steps at the tops that may yet win. With noise, more frames at every place that may yet be the
+//! best, as many as the way made allows.
+
+use super::curve::{Curve, Place, STRIDE, Side, magnitude};
+use super::peak;
+use super::search::{Next, Search};
+
+/// Frames that a scan may take beyond two for each sample step of its way: averaging is not free.
+const ALLOWANCE: i64 = 90;
+
+/// Extra frames at one place at most.
+const EXTRA: i64 = 12;
+
+/// Standard deviations of one frame by which a place may look lower than the best and still be looked at again.
+const PLAUSIBLE: f64 = 3.0;
+
+/// How often the peak may turn out to be elsewhere.
+const ROUNDS: u8 = 4;
+
+/// Revisits for a look at the light, if there is no noise to be averaged.
+const LOOKS: u32 = 3;
+
+/// Frames that may still be taken.
+pub fn allowance(curve: &Curve) -> i64 {
+    ALLOWANCE + 2 * curve.travelled() - i64::from(curve.frames())
+}
+
+/// State of the way back.
+#[derive(Clone, Debug)]
+pub struct Refine {
+    trap: i32,
+    goal: Option<Place>,
+    rounds: u8,
+}
+
+impl Refine {
+    /// The way back from where the search ended.
+    pub fn new(trap: i32) -> Self {
+        Self { trap, goal: None, rounds: ROUNDS }
+    }
+
+    /// The window around the best in which the peak is looked for.
+    pub fn window(curve: &Curve, trap: i32) -> Option<(Place, Place)> {
+        let (best, _) = curve.best()?;
+        let (low, high) = (curve.seen(Side::Low).0, curve.seen(Side::High).0);
+        Some((Place((best.0 - 2 * trap).max(low)), Place((best.0 + 2 * trap).min(high))))
+    }
+
+    /// Where frames are missing because they were forgotten on a long way: there the curve is taken again.
+    fn forgotten(curve: &Curve, trap: i32) -> Option<Place> {
+        let (best, _) = curve.best()?;
+        let reach = if curve.noise().is_silent() { 2 * STRIDE } else { trap };
+        let from = (best.0 - reach).max(curve.seen(Side::Low).0);
+        let to = (best.0 + reach).min(curve.seen(Side::High).0);
+        let here = curve.here().0;
+        let places = (from..=to).filter(|p| p % STRIDE == 0 && curve.at(Place(*p)).is_none());
+        places.min_by_key(|p| (p - here).abs()).map(Place)
+    }
+
+    fn split(&self, curve: &Curve) -> Next {
+        let Some((from, to)) = Self::window(curve, self.trap) else { return Next::Enough };
+        let here = curve.here().0;
+        let sigma = curve.noise().relative();
+        let tops = || (from.0..=to.0).filter_map(|p| peak::top(curve, Place(p)).map(|top| (p, top)));
+        let Some(best) = tops().map(|(_, t)| t.value).reduce(|a, b| if b > a { b } else { a }) else {
+            return Next::Enough;
+        };
+        let (mut rivals, mut next) = (0, None::<i32>);
+        for (p, top) in tops() {
+            if top.value + top.error + 3.0 * sigma * magnitude(best) < best {
+                continue;
+            }
+            rivals += 1;
+            // The half step on the side where the parabola's top lies.
+            let q = if top.at < f64::from(p) { p - 1 } else { p + 1 };
+            let nearer = next.is_none_or(|n| (q - here).abs() < (n - here).abs());
+            if q > from.0 && q < to.0 && nearer && curve.at(Place(q)).is_none() {
+                next = Some(q);
+            }
+        }
+        match next {
+            Some(place) if rivals > 1 => Next::Sample(Place(place)),
+            _ => self.look(curve),
+        }
+    }
+
+    /// A few places of the way back are looked at again: light that drifts shows.
+    fn look(&self, curve: &Curve) -> Next {
+        let Some((best, _)) = curve.best() else { return Next::Enough };
+        let way = best.0 - curve.here().0;
+        if curve.revisits().frames >= LOOKS || way.abs() < 2 * STRIDE {
+            return Next::Enough;
+        }
+        // Halfway to the best, on a place of the way out.
+        Next::Sample(Place(curve.here().0 + way / (2 * STRIDE) * STRIDE))
+    }
+
+    fn average(&mut self, curve: &Curve) -> Next {
+        let here = curve.here();
+        let spare = allowance(curve);
+        let Some(goal) = self.goal.or_else(|| self.find(curve)) else { return Next::Enough };
+        self.goal = Some(goal);
+        let way = (goal.0 - here.0).abs() / STRIDE;
+        let share = (spare / i64::from(way + 5)).clamp(0, EXTRA);
+        let frames = curve.at(here).map_or(0, |c| i64::from(c.frames));
+        let value = curve.smooth(here).unwrap_or(0.0);
+        let best = curve.best().map_or(value, |(_, v)| v);
+        let plausible = value > best - PLAUSIBLE * curve.noise().relative() * magnitude(value);
+        if plausible && spare > 0 && frames < i64::from(super::climb::FRAMES) + share {
+            return Next::Sample(here);
+        }
+        let goal = if goal == here {
+            let Some(found) = self.find(curve) else { return Next::Enough };
+            if self.rounds == 0 || spare < 10 || (found.0 - here.0).abs() <= STRIDE {
+                return Next::Enough;
+            }
+            self.rounds -= 1;
+            self.goal = Some(found);
+            found
+        } else {
+            goal
+        };
+        let step = (goal.0 - here.0).clamp(-1, 1);
+        Next::Sample(Place(here.0 + step))
+    }
+
+    fn find(&self, curve: &Curve) -> Option<Place> {
+        let (from, to) = Self::window(curve, self.trap)?;
+        let at = peak::find(curve, from, to)?.at;
+        let place = (if at < 0.0 { at - 0.5 } else { at + 0.5 }) as i32;
+        Some(Place(place.clamp(from.0, to.0)))
+    }
+}
+
+impl Search for Refine {
+    fn next(&mut self, curve: &Curve) -> Next {
+        if let Some(place) = Self::forgotten(curve, self.trap) {
+            return Next::Sample(place);
+        }
+        if curve.noise().is_silent() { self.split(curve) } else { self.average(curve) }
+    }
+}

@@ -1,0 +1,138 @@
+//! The simulated rig as this program's boards and camera: transports and frames out of one virtual world.
+
+use parfocal::frames::camera::{Camera, CameraError, Frame};
+use parfocal::link::transport::Transport;
+use parfocal::picture::{Picture, Roi};
+use parfocal::rig::{AxisName, Coordinate, Device, ManipulatorNumber};
+use parfocal::stage::Place;
+use parfocal_protocol::units::{Axis, HostTime, Micrometres};
+use parfocal_simulator::model::RigModel;
+use parfocal_simulator::rig::Rig;
+use std::collections::BTreeMap;
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What is asked of the simulated rig.
+#[derive(Clone, Debug, Default)]
+pub struct Model {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Limits of axes, other than the rig's own.
+    pub limits: Vec<(AxisName, Micrometres, Micrometres)>,
+    /// Where axes are at the start, other than the rig's own.
+    pub positions: Vec<(AxisName, Micrometres)>,
+}
+
+/// A running simulated rig. Time passes only while somebody waits for it.
+#[derive(Clone)]
+pub struct Handle(Arc<Mutex<Rig>>);
+
+/// Boards of the simulated rig by device: the microscope, manipulators 1 and 2.
+fn devices() -> impl Iterator<Item = Device> {
+    let manipulators = [1, 2].into_iter().filter_map(ManipulatorNumber::new).map(Device::Manipulator);
+    std::iter::once(Device::Scope).chain(manipulators)
+}
+
+/// The simulated rig's axes.
+pub fn axes() -> BTreeMap<AxisName, Place> {
+    devices()
+        .enumerate()
+        .flat_map(|(board, device)| {
+            Coordinate::ALL.map(|coordinate| {
+                let axis = Axis(coordinate.index() as u8);
+                (AxisName { device, coordinate }, Place { board, axis })
+            })
+        })
+        .collect()
+}
+
+impl Handle {
+    /// A simulated rig that has just been switched on.
+    pub fn new(model: Model) -> Self {
+        let mut rig = RigModel::new(model.seed);
+        let places = axes();
+        for (name, low, high) in &model.limits {
+            if let Some(place) = places.get(name) {
+                rig.set_limits(place.board, place.axis, *low, *high);
+            }
+        }
+        for (name, at) in &model.positions {
+            if let Some(place) = places.get(name) {
+                rig.set_position(place.board, place.axis, *at);
+            }
+        }
+        Self(Arc::new(Mutex::new(Rig::new(rig))))
+    }
+
+    /// One transport for each board.
+    pub fn transports(&self) -> Vec<SimulatedTransport> {
+        (0..self.lock().boards()).map(|board| SimulatedTransport { rig: self.clone(), board }).collect()
+    }
+
+    /// The rig's camera.
+    pub fn camera(&self) -> SimulatedCamera {
+        SimulatedCamera(self.clone())
+    }
+
+    /// A region around the first pipette's tip, if it is in view: what a person would draw around it.
+    pub fn tip_region(&self) -> Option<Roi> {
+        let region = self.lock().tip_region(0)?;
+        Some(Roi { x: region.x, y: region.y, width: region.width, height: region.height })
+    }
+
+    /// The world itself.
+    pub fn lock(&self) -> MutexGuard<'_, Rig> {
+        // A panic elsewhere ends the program anyway.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The way to one simulated board.
+pub struct SimulatedTransport {
+    rig: Handle,
+    board: usize,
+}
+
+impl Transport for SimulatedTransport {
+    fn name(&self) -> String {
+        super::connection::SIMULATED.into()
+    }
+
+    fn read(&mut self, buffer: &mut [u8], deadline: HostTime) -> io::Result<usize> {
+        Ok(self.rig.lock().receive(self.board, buffer, deadline.0))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.rig.lock().send(self.board, bytes);
+        Ok(())
+    }
+
+    fn now(&self) -> HostTime {
+        HostTime(self.rig.lock().now())
+    }
+
+    fn reconnect(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The simulated camera.
+pub struct SimulatedCamera(Handle);
+
+impl Camera for SimulatedCamera {
+    fn name(&self) -> String {
+        super::connection::SIMULATED.into()
+    }
+
+    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
+        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
+        let picture = Picture::grey16(frame.width, frame.height, frame.pixels)
+            .map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;
+        Ok(Some(Frame {
+            picture,
+            number: times.number,
+            exposure: Some((HostTime(times.begin), HostTime(times.end))),
+            arrival: HostTime(times.arrival),
+        }))
+    }
+}

@@ -1,0 +1,73 @@
+//! Where a sharply seen pipette ends along its axis.
+
+use super::model::Cone;
+use super::pyramid::Level;
+
+/// The end of the detail along a cone's axis.
+#[derive(Clone, Copy, Debug)]
+pub struct End {
+    /// How far beyond the cone's tip the detail ends, px; negative: before it.
+    pub beyond: f64,
+    /// Detail over noise: root of the mean squared gradients on the shank, in standard deviations of the noise's.
+    pub clarity: f64,
+}
+
+/// Looks for the place where the gradients of glass and halo fall to half of what they are along the last part of the shank.
+/// `noise` is a standard deviation of a pixel of the picture.
+pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
+    let (sin, cos) = cone.angle.sin_cos();
+    let (opening, widening) = (cone.ln_opening.exp(), cone.ln_widening.exp());
+    let unit = (0.3 * opening).clamp(1.0, 6.0);
+    let level = levels.iter().rev().find(|l| l.step as f64 <= unit).unwrap_or(&levels[0]);
+    let floor = noise / level.step as f64;
+    let step = unit.max(level.step as f64);
+    let energy = |s: f64| -> Option<f64> {
+        let half = opening + widening * s.max(0.0) + 2.0 * step;
+        let n = (half / step).ceil() as i32;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for i in -n..=n {
+            let t = f64::from(i) * step;
+            let at = |ds: f64, dt: f64| {
+                let (s, t) = (s + ds, t + dt);
+                level.between(cone.x - s * cos - t * sin, cone.y - s * sin + t * cos)
+            };
+            let (Some(a), Some(b), Some(c), Some(d)) = (at(step, 0.0), at(-step, 0.0), at(0.0, step), at(0.0, -step))
+            else {
+                continue;
+            };
+            sum += ((a - b).powi(2) + (c - d).powi(2)) - 4.0 * floor * floor;
+            count += 1.0;
+        }
+        (count >= f64::from(n)).then(|| (sum / count).max(0.0).sqrt())
+    };
+    // From well on the shank outwards.
+    let back = (8.0 * opening).clamp(12.0, 60.0);
+    let profile: Vec<(f64, f64)> = (0..)
+        .map(|i| back - f64::from(i) * 0.5 * step)
+        .take_while(|s| *s > -1.5 * back)
+        .map_while(|s| Some((s, energy(s)?)))
+        .collect();
+    let mut shank: Vec<f64> = profile.iter().filter(|(s, _)| *s > 0.0).map(|p| p.1).collect();
+    if shank.len() < 4 {
+        return None;
+    }
+    shank.sort_by(f64::total_cmp);
+    let clarity = shank[shank.len() * 3 / 4] / (2.0 * floor).max(f64::MIN_POSITIVE);
+    // First where detail begins at all, then where it is half of what it is just behind.
+    let first = fall(&profile, 0.25 * shank[shank.len() * 3 / 4], opening)?;
+    let width = (opening + widening * first).max(0.5 * opening);
+    let near: Vec<f64> = profile.iter().filter(|p| p.0 > first && p.0 < first + 2.5 * width).map(|p| p.1).collect();
+    let plateau = near.iter().sum::<f64>() / (near.len().max(1) as f64);
+    // The rim's centre lies behind the outer edge of its halo.
+    let beyond = -(fall(&profile, 0.5 * plateau, opening)? + 0.4 * width);
+    Some(End { beyond, clarity })
+}
+
+/// The place where a profile falls below a limit and stays there for `quiet` px.
+fn fall(profile: &[(f64, f64)], limit: f64, quiet: f64) -> Option<f64> {
+    (0..profile.len().saturating_sub(1)).find_map(|i| {
+        let (a, b) = (profile[i], profile[i + 1]);
+        let calm = profile[i + 1..].iter().take_while(|p| p.0 > a.0 - quiet).all(|p| p.1 < limit);
+        (a.1 >= limit && calm).then(|| a.0 + (a.1 - limit) / (a.1 - b.1) * (b.0 - a.0))
+    })
+}

@@ -1,0 +1,134 @@
+//! Pipettes that may be there, and how sure each is.
+
+use super::fit::{self, Fit, Halo, Patch, Prior};
+use super::model::Cone;
+use super::pyramid::Level;
+use super::search::Candidate;
+use super::verify::{Explained, explained};
+
+/// A fitted pipette and what speaks for it.
+#[derive(Clone, Debug)]
+pub struct Hypothesis {
+    pub fit: Fit,
+    pub evidence: [f64; 8],
+}
+
+/// Weights of the evidence before and after the closer look.
+pub type Weights = ([f64; 8], f64);
+
+/// Logistic weights from random scenes with and without pipettes.
+pub const COARSE: Weights = ([0.863, -1.369, -1.535, 1.009, 1.683, 3.733, 1.309, 0.426], -9.881);
+pub const FINE: Weights = ([1.166, -1.144, -1.167, 0.709, -1.048, 4.517, 0.837, 0.483], -13.0);
+
+impl Hypothesis {
+    fn new(levels: &[Level], noise: f64, mass: f64, fit: Fit) -> Self {
+        let Explained { near, middle, far, rings } = explained(levels, &fit, noise);
+        // A small picture cannot hold the wide rings.
+        let held = rings_held(levels);
+        let rings = rings + (11.0 - held);
+        let gain = mass * (fit.empty / fit.residual.max(1e-12)).max(1.0).ln();
+        let evidence = [
+            gain.max(1.0).ln(),
+            fit.cone.ln_opening,
+            (fit.error_across + 0.05).ln(),
+            (fit.error_along + 0.1).ln(),
+            near,
+            middle,
+            far,
+            rings,
+        ];
+        Self { fit, evidence }
+    }
+
+    /// The logarithm of the odds that this is a pipette's tip.
+    pub fn log_odds(&self, (weights, bias): &Weights) -> f64 {
+        bias + weights.iter().zip(&self.evidence).map(|(w, e)| w * e).sum::<f64>()
+    }
+}
+
+pub fn prior(expected_opening_px: f64) -> Prior {
+    let far = f64::INFINITY;
+    Prior {
+        mean: [0.0, 0.0, 0.0, expected_opening_px.ln(), 0.2_f64.ln(), 0.0, 0.35_f64.ln()],
+        deviation: [far, far, far, 0.6, 0.4, 20.0, 0.8],
+    }
+}
+
+/// Radius of an opening, as far as nothing is known of it.
+const OPENING_PX: f64 = 3.0;
+
+/// A first look at candidates, focused above or below their tips; best first, those in one place once.
+pub fn coarse(levels: &[Level], noise: f64, candidates: &[Candidate]) -> Vec<Hypothesis> {
+    let prior = prior(OPENING_PX);
+    let Some(level) = levels.get(2.min(levels.len() - 1)) else { return Vec::new() };
+    let variance = (noise / level.step as f64).powi(2);
+    let mut found = Vec::new();
+    for c in candidates {
+        let patch = Patch::cut(level, c.x, c.y, 80.0);
+        for blur in [-16.0, -3.0, 10.0] {
+            let start = Cone {
+                x: c.x,
+                y: c.y,
+                angle: c.angle,
+                ln_opening: OPENING_PX.ln(),
+                ln_widening: 0.2_f64.ln(),
+                blur,
+                ln_slope: 0.35_f64.ln(),
+            };
+            let fit = fit::fit(&patch, start, &prior, variance, Halo::Without, 8);
+            found.extend(fit.map(|fit| Hypothesis::new(levels, noise, patch.mass, fit)));
+        }
+    }
+    found.sort_by(|a, b| b.log_odds(&COARSE).total_cmp(&a.log_odds(&COARSE)));
+    distinct(found)
+}
+
+/// A closer look at hypotheses; best first.
+pub fn fine(levels: &[Level], noise: f64, found: &[Hypothesis]) -> Vec<Hypothesis> {
+    let prior = prior(OPENING_PX);
+    let level = &levels[1.min(levels.len() - 1)];
+    let variance = (noise / level.step as f64).powi(2);
+    let mut better: Vec<Hypothesis> = found
+        .iter()
+        .filter_map(|h| {
+            let patch = Patch::cut(level, h.fit.cone.x, h.fit.cone.y, 64.0);
+            let plain = fit::fit(&patch, h.fit.cone, &prior, variance, Halo::Without, 12)?;
+            let fit = fit::fit(&patch, plain.cone, &prior, variance, Halo::With, 12)?;
+            Some(Hypothesis::new(levels, noise, patch.mass, fit))
+        })
+        .collect();
+    better.sort_by(|a, b| b.log_odds(&FINE).total_cmp(&a.log_odds(&FINE)));
+    distinct(better)
+}
+
+/// The direction of a clearly seen pipette by its shank: near the tip a real one is bent.
+pub fn shank_angle(levels: &[Level], cone: &Cone, noise: f64) -> Option<f64> {
+    let level = &levels[1.min(levels.len() - 1)];
+    let variance = (noise / level.step as f64).powi(2);
+    let back = (12.0 * cone.ln_opening.exp()).clamp(40.0, 180.0);
+    let (sin, cos) = cone.angle.sin_cos();
+    let patch = Patch::cut(level, cone.x - back * cos, cone.y - back * sin, 1.3 * back);
+    let fit = fit::fit(&patch, *cone, &prior(OPENING_PX), variance, Halo::With, 10)?;
+    let turn = (fit.cone.angle - cone.angle).abs();
+    (turn < 0.15).then_some(fit.cone.angle)
+}
+
+/// How many rings a picture of this size can hold on one side of a place.
+fn rings_held(levels: &[Level]) -> f64 {
+    let size = levels.first().map_or(0, |l| l.step * l.width.max(l.height)) as f64;
+    super::verify::RINGS.iter().filter(|(radius, _)| *radius < 0.55 * size).count() as f64
+}
+
+fn distinct(sorted: Vec<Hypothesis>) -> Vec<Hypothesis> {
+    let mut kept: Vec<Hypothesis> = Vec::new();
+    for h in sorted {
+        let same = |k: &Hypothesis| {
+            (k.fit.cone.x - h.fit.cone.x).hypot(k.fit.cone.y - h.fit.cone.y) < 10.0
+                && (k.fit.cone.angle - h.fit.cone.angle).cos() > 0.8
+        };
+        if h.fit.cone.x.is_finite() && !kept.iter().any(same) {
+            kept.push(h);
+        }
+    }
+    kept
+}

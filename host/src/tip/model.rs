@@ -1,0 +1,198 @@
+//! What a pipette's end looks like: a cone, blurred more the farther its glass is from focus.
+//!
+//! Seven numbers say where it lies and how it is blurred; a few shapes (glass, lumen, halo) mix linearly to whatever the
+//! light makes of it, dark or bright, and are solved for in each place (variable projection: Golub and Pereyra 1973).
+
+use super::dual::{Dual, Number};
+use std::sync::LazyLock;
+
+/// Place and shape of a pipette's end. Lengths are px of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cone {
+    /// The tip, the centre of the rim: column and row.
+    pub x: f64,
+    pub y: f64,
+    /// Direction in which the tip points, from x (right) towards y (down), rad.
+    pub angle: f64,
+    /// Radius of the opening, as a natural logarithm.
+    pub ln_opening: f64,
+    /// Half width that the outline gains per px along the shank, as a natural logarithm.
+    pub ln_widening: f64,
+    /// Blur radius of the tip; negative if the focal plane lies above it, so that a part of the shank is in focus.
+    pub blur: f64,
+    /// Blur radius gained per px along the shank, as a natural logarithm.
+    pub ln_slope: f64,
+}
+
+/// Numbers of a [`Cone`].
+pub const PLACES: usize = 7;
+
+/// Shapes of the pipette that mix linearly: glass and lumen, the same near the tip alone, halo, and halo that changes sign
+/// through focus.
+pub const GLASS: usize = 6;
+
+/// Blur radius (px) of a picture in focus.
+const SHARPEST_PX: f64 = 1.5;
+
+impl Cone {
+    pub fn to_array(self) -> [f64; PLACES] {
+        [self.x, self.y, self.angle, self.ln_opening, self.ln_widening, self.blur, self.ln_slope]
+    }
+
+    pub fn from_array([x, y, angle, ln_opening, ln_widening, blur, ln_slope]: [f64; PLACES]) -> Self {
+        Self { x, y, angle, ln_opening, ln_widening, blur, ln_slope }
+    }
+
+    /// The scale of what is seen at the tip: opening and blur together, px.
+    pub fn grain(&self) -> f64 {
+        self.ln_opening.exp().hypot(self.blur).hypot(SHARPEST_PX)
+    }
+}
+
+/// A cone ready to be drawn: with plain numbers, or with derivatives by the cone's seven.
+pub struct Drawing<N> {
+    /// The tip, from the origin of the places asked for.
+    tip: [N; 2],
+    cos: N,
+    sin: N,
+    opening: N,
+    widening: N,
+    blur: N,
+    slope: N,
+    /// One over the opening.
+    narrow: N,
+    sharpest2: f32,
+}
+
+impl Drawing<f32> {
+    /// Drawn on pixels `step` px wide, at places relative to `origin`.
+    pub fn plain(cone: &Cone, step: f64, origin: [f64; 2]) -> Self {
+        Self {
+            tip: [(cone.x - origin[0]) as f32, (cone.y - origin[1]) as f32],
+            cos: cone.angle.cos() as f32,
+            sin: cone.angle.sin() as f32,
+            opening: cone.ln_opening.exp() as f32,
+            widening: cone.ln_widening.exp() as f32,
+            blur: cone.blur as f32,
+            slope: cone.ln_slope.exp() as f32,
+            narrow: (-cone.ln_opening).exp() as f32,
+            sharpest2: sharpest2(step),
+        }
+    }
+}
+
+impl Drawing<Dual> {
+    /// As [`Drawing::plain`], with derivatives in the order of [`Cone::to_array`].
+    pub fn derived(cone: &Cone, step: f64, origin: [f64; 2]) -> Self {
+        let plain = Drawing::plain(cone, step, origin);
+        let angle = Dual::variable(cone.angle as f32, 2);
+        let exp = |value: f32, lane: usize| Dual::variable(value, lane).map(value, value);
+        Self {
+            tip: [Dual::variable(plain.tip[0], 0), Dual::variable(plain.tip[1], 1)],
+            cos: angle.map(plain.cos, -plain.sin),
+            sin: angle.map(plain.sin, plain.cos),
+            opening: exp(plain.opening, 3),
+            widening: exp(plain.widening, 4),
+            blur: Dual::variable(plain.blur, 5),
+            slope: exp(plain.slope, 6),
+            narrow: Dual::variable(plain.narrow, 3).map(plain.narrow, -plain.narrow),
+            sharpest2: plain.sharpest2,
+        }
+    }
+}
+
+/// A square pixel's variance is step²/12, a disc's of radius r is r²/4.
+fn sharpest2(step: f64) -> f32 {
+    (SHARPEST_PX * SHARPEST_PX + step * step / 3.0) as f32
+}
+
+impl<N: Number> Drawing<N> {
+    /// The pipette's shapes at a place.
+    #[inline]
+    pub fn shapes(&self, x: f32, y: f32) -> [N; GLASS] {
+        let (dx, dy) = (N::constant(x) - self.tip[0], N::constant(y) - self.tip[1]);
+        let s = (dx * self.cos + dy * self.sin).scale(-1.0);
+        let t = dy * self.cos - dx * self.sin;
+        let along = if s.value() > 0.0 { s } else { N::constant(0.0) };
+        let half = self.opening + self.widening * along;
+        let defocus = self.blur + self.slope * along;
+        let square = defocus * defocus + N::constant(self.sharpest2);
+        let root = square.value().sqrt();
+        let radius = square.map(root, 0.5 / root);
+        let inverse = radius.map(1.0 / root, -1.0 / square.value());
+        // A disc's standard deviation is half its radius.
+        let sharp = inverse.scale(2.0);
+        let bar = |half: N| step((t + half) * sharp) - step((t - half) * sharp);
+        // The rim is a circle seen at a slant: on average its far side lies half an opening beyond the tip.
+        let end = s + self.opening.scale(0.5);
+        let cut = step(end * sharp);
+        let glass = bar(half) * cut;
+        let lumen = bar(half.scale(0.5)) * cut;
+        let margin = half.scale(0.35) + radius.scale(0.5);
+        let halo = bar(half + margin) * step((end + margin) * sharp) - glass;
+        // Near the tip light is bent otherwise than by the wider shank.
+        let reach = along.scale(0.25) * self.narrow;
+        let fall = reach * reach + N::constant(1.0);
+        let near = fall.map(1.0 / fall.value(), -1.0 / (fall.value() * fall.value()));
+        [glass, lumen, glass * near, lumen * near, halo, halo * defocus * inverse]
+    }
+}
+
+const STEPS: usize = 1024;
+const SUPPORT: f32 = 4.0;
+
+/// The normal distribution's share below `x`, from a table.
+#[inline]
+fn step<N: Number>(x: N) -> N {
+    static TABLE: LazyLock<[f32; STEPS + 2]> = LazyLock::new(|| {
+        let mut table = [1.0; STEPS + 2];
+        for (i, value) in table.iter_mut().enumerate().take(STEPS + 1) {
+            *value = normal_below(f64::from(SUPPORT) * (2.0 * i as f64 / STEPS as f64 - 1.0)) as f32;
+        }
+        table
+    });
+    let scale = STEPS as f32 / (2.0 * SUPPORT);
+    let u = ((x.value() + SUPPORT) * scale).clamp(0.0, STEPS as f32);
+    let i = u as usize;
+    let (low, high) = (TABLE[i], TABLE[i + 1]);
+    x.map(low + (u - i as f32) * (high - low), (high - low) * scale)
+}
+
+/// The share of a standard normal distribution below `x`, by its power series (Marsaglia 2004).
+fn normal_below(x: f64) -> f64 {
+    let (mut term, mut sum, mut n) = (x, x, 1.0);
+    while term.abs() > 1e-15 {
+        n += 2.0;
+        term *= x * x / n;
+        sum += term;
+    }
+    0.5 + sum * (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let cone =
+            Cone { x: 40.0, y: 30.0, angle: 0.7, ln_opening: 1.1, ln_widening: -1.6, blur: -5.0, ln_slope: -0.8 };
+        let at = [(28.0, 19.0), (39.0, 31.5), (35.0, 24.0), (10.0, 8.0)];
+        let drawing = Drawing::derived(&cone, 2.0, [0.0, 0.0]);
+        for (x, y) in at {
+            let shapes = drawing.shapes(x, y);
+            for k in 0..PLACES {
+                let moved = |d: f64| {
+                    let mut p = cone.to_array();
+                    p[k] += d;
+                    Drawing::plain(&Cone::from_array(p), 2.0, [0.0, 0.0]).shapes(x, y)
+                };
+                let (up, down) = (moved(0.05), moved(-0.05));
+                for i in 0..GLASS {
+                    let difference = (up[i] - down[i]) / 0.1;
+                    assert!((shapes[i].slopes[k] - difference).abs() < 0.02, "{x},{y} shape {i} by {k}");
+                }
+            }
+        }
+    }
+}
