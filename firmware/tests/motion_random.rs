@@ -102,7 +102,7 @@ fn settings() -> impl Strategy<Value = AxisSettings> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(150))]
     #[test]
     fn whatever_is_asked_for_the_count_is_exact(
         settings in [settings(), settings(), settings(), settings()],
@@ -154,7 +154,8 @@ proptest! {
             let status = motion.status(&mut board, Axis(axis as u8));
             let off = (status.position.0 - last[axis]).abs();
             prop_assert!(f64::from(off) <= 500.0 / f64::from(s.steps_per_um.0) + 1.0, "{} nm off", off);
-            prop_assert_eq!(status.trust, Trust::Unknown);
+            // Stalls in a row may add up to one that is too long.
+            prop_assert!(matches!(status.trust, Trust::Unknown | Trust::Lost));
             check_pulses(&board, axis, s);
         }
     }

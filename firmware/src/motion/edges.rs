@@ -43,6 +43,11 @@ impl Edges {
         self.done >= self.phases.len() && self.place.is_none() && self.ahead[0].is_none()
     }
 
+    /// Whether a path that has edges left began before a tick.
+    pub fn begun(&self, tick: u64) -> bool {
+        !self.exhausted() && self.phases.iter().nth(self.done).is_none_or(|p| p.begin < tick)
+    }
+
     /// Whether the span goes on with the next edge: nothing was looked at ahead.
     #[inline(always)]
     pub fn in_span(&self) -> bool {
@@ -79,12 +84,17 @@ impl Edges {
     /// Cuts the path: of the phase that spans `tick`, `steps` edges remain, of later ones none. False, and nothing changed,
     /// when more than that were taken already. `now` is a tick before which all edges were taken.
     pub fn cut(&mut self, tick: u64, steps: u32, now: u64) -> bool {
-        let spans = |p: &Phase| p.begin.saturating_add(p.ticks) > tick;
-        let Some((at, phase)) = self.phases.iter().enumerate().find(|(_, p)| spans(p)) else { return true };
-        let steps = if phase.begin >= tick { 0 } else { steps };
-        if !self.rewind(at, steps, now) {
+        let Some((at, steps)) = self.spanning(tick, steps) else { return true };
+        if !self.can_cut(tick, steps) {
             return false;
         }
+        let (phase, index) = self.untaken(at);
+        let near = self.ahead[0].map_or(now, |e| e.tick);
+        let Some(p) = self.phases.iter().nth(phase) else { return false };
+        let place = if index == 0 { p.place() } else { p.seek(index, near.max(p.begin)) };
+        self.drop_generated();
+        self.done = phase;
+        self.place = Some(place);
         while self.phases.len() > at + 1 {
             self.phases.pop_back();
         }
@@ -95,29 +105,39 @@ impl Edges {
         true
     }
 
-    /// Takes back edges looked at; false when phase `at` has more than `steps` taken.
-    fn rewind(&mut self, at: usize, steps: u32, now: u64) -> bool {
-        let waiting = self.ahead.iter().flatten().count() as u32;
+    /// Whether [`Self::cut`] would cut.
+    pub fn can_cut(&self, tick: u64, steps: u32) -> bool {
+        let Some((at, steps)) = self.spanning(tick, steps) else { return true };
+        let (phase, index) = self.untaken(at);
+        phase < at || (phase == at && index <= steps)
+    }
+
+    /// The phase that spans a tick, or the first behind it, and how many of its edges remain.
+    fn spanning(&self, tick: u64, steps: u32) -> Option<(usize, u32)> {
+        let mut phases = self.phases.iter().enumerate();
+        let (at, phase) = phases.find(|(_, p)| p.begin.saturating_add(p.ticks) > tick)?;
+        Some((at, if phase.begin >= tick { 0 } else { steps }))
+    }
+
+    /// The first edge that was not taken, looked at or not: phase and index. The end of a phase counts as the beginning of the
+    /// next, except that of phase `at`.
+    fn untaken(&self, at: usize) -> (usize, u32) {
+        let steps = |phase: usize| self.phases.iter().nth(phase).map_or(0, |p| p.steps);
         // What is left of the span is not generated.
         let mut index = self.place.map_or(0, |p| p.index.wrapping_sub(self.span.left));
         let mut phase = self.done;
-        let tick = self.ahead[0].map_or(now, |e| e.tick);
-        for _ in 0..waiting {
+        for _ in 0..self.ahead.iter().flatten().count() {
             while index == 0 && phase > 0 {
                 phase -= 1;
-                index = self.phases.iter().nth(phase).map_or(0, |p| p.steps);
+                index = steps(phase);
             }
             index = index.wrapping_sub(1);
         }
-        if phase > at || (phase == at && index > steps) {
-            return false;
+        while index == 0 && phase > at {
+            phase -= 1;
+            index = steps(phase);
         }
-        let Some(p) = self.phases.iter().nth(phase) else { return false };
-        let place = if index == 0 { p.place() } else { p.seek(index, tick.max(p.begin)) };
-        self.drop_generated();
-        self.done = phase;
-        self.place = Some(place);
-        true
+        (phase, index)
     }
 
     /// The next edge, or the one after it; `near` is a tick within 25 s before it.

@@ -1,5 +1,6 @@
 //! What the step interrupt does: tops up the rings, and wakes timers that ran dry.
 
+use super::lane::Phases;
 use super::phase::Phase;
 use super::record::{LONGEST, RING, Record};
 use super::ring::WAKE;
@@ -246,7 +247,7 @@ impl Engine {
         }
         let first = self.tracks.iter().map(Track::reached).min().unwrap_or(0);
         let stood = self.now.saturating_sub(first);
-        let moving = self.tracks.iter().any(Track::busy);
+        let moving = self.tracks.iter().any(Track::under_way);
         let stop = moving && stood > GAP;
         for track in &mut self.tracks {
             if stop {
@@ -336,14 +337,30 @@ impl Engine {
         self.tracks.get(axis).is_some_and(Track::busy)
     }
 
-    /// Adds phases to an axis. False when they do not all fit, and then none is added.
-    pub fn append(&mut self, axis: usize, phases: &[Phase]) -> bool {
-        self.tracks.get_mut(axis).is_some_and(|t| t.append(phases))
+    /// Whether motions ended in a gap that nobody has asked for yet: paths planned before know nothing of it.
+    fn is_cut_short(&self) -> bool {
+        self.gap.is_some_and(|g| g.ticks > GAP)
     }
 
-    /// Cuts an axis' path at a tick not laid yet: `steps` edges remain of the phase there. False when more are laid.
-    pub fn cut(&mut self, axis: usize, tick: u64, steps: u32) -> bool {
-        self.tracks.get_mut(axis).is_some_and(|t| t.cut(tick, steps))
+    /// Adds phases to an axis. False, and none added, when they do not all fit or a long gap was not taken note of.
+    pub fn append(&mut self, axis: usize, phases: &[Phase]) -> bool {
+        !self.is_cut_short() && self.tracks.get_mut(axis).is_some_and(|t| t.append(phases))
+    }
+
+    /// Replaces the paths of some axes from a tick on: of each one's phase there, so many edges remain, and its new phases
+    /// follow. All or nothing: false when an axis has more laid than that, or a long gap was not taken note of.
+    pub fn splice(&mut self, tick: u64, plans: &[Option<(u32, Phases)>; AXES]) -> bool {
+        let plans = || plans.iter().enumerate().filter_map(|(axis, plan)| Some((axis, plan.as_ref()?)));
+        if self.is_cut_short() || !plans().all(|(i, (steps, _))| self.tracks[i].can_cut(tick, *steps)) {
+            return false;
+        }
+        let mut all = true;
+        for (axis, (steps, phases)) in plans() {
+            // What was cut leaves room for seven phases and more.
+            all &= self.tracks[axis].cut(tick, *steps) && self.tracks[axis].append(phases);
+        }
+        self.drop_triggers(tick);
+        all
     }
 
     /// Edge times of the one vibration that goes on at a time.

@@ -31,6 +31,7 @@ impl Motion {
         if self.emergency {
             return Err(Refusal::Emergency);
         }
+        self.watch_pulses(now, board);
         let jogs = matches!(self.task, Task::Jog { .. }) && self.stopping.is_none();
         if !(jogs || self.resting() && self.queue.is_empty()) {
             return Err(Refusal::Busy);
@@ -105,8 +106,8 @@ impl Motion {
             let Some(lane) = &self.known(index).lane else { return };
             let mut axes = [false; AXES];
             axes[index] = true;
-            let tick = board.pulses(|engine| engine.laid(axes)) + margin;
-            let same_way = wanted != 0.0 && (wanted > 0.0) == lane.up;
+            let tick = (board.pulses(|engine| engine.laid(axes)) + margin).max(lane.begin);
+            let same_way = wanted != 0.0 && !self.held && (wanted > 0.0) == lane.up;
             let next = if same_way { faster_or_slower(lane, tick, wanted.abs()) } else { lane.stopping(tick) };
             let Some(next) = next else { return };
             let mut plans = [const { None }; AXES];

@@ -39,6 +39,7 @@ impl Motion {
         speed: Option<MicrometresPerSecond>,
         ending: Ending,
     ) -> Result<MotionId, Refusal> {
+        self.watch_pulses(now, board);
         let waits = match &self.task {
             _ if self.emergency => return Err(Refusal::Emergency),
             Task::Rest => !self.queue.is_empty() || self.held,
@@ -263,6 +264,7 @@ impl Motion {
         cycles: u16,
     ) -> Result<MotionId, Refusal> {
         let index = axis.index().ok_or(Refusal::NoSuchAxis { axis })?;
+        self.watch_pulses(now, board);
         self.may_begin()?;
         self.track_play(board);
         let swinging = Swinging::new(self.known(index), index, amplitude, frequency, cycles)?;
@@ -282,6 +284,7 @@ impl Motion {
     /// [`Refusal::NoHomeSwitch`], [`Refusal::Busy`], [`Refusal::Emergency`], [`Refusal::NoSuchAxis`].
     pub fn home(&mut self, now: BoardTime, board: &mut impl Board, axis: Axis) -> Result<MotionId, Refusal> {
         let index = axis.index().ok_or(Refusal::NoSuchAxis { axis })?;
+        self.watch_pulses(now, board);
         self.may_begin()?;
         let settings = &self.known(index).settings;
         let Some(side) = settings.home.filter(|_| settings.has_switches) else {

@@ -55,16 +55,17 @@ impl Motion {
         }
     }
 
-    fn watch_pulses(&mut self, now: BoardTime, board: &mut impl Board) {
-        if let Some(axis) = board.pulses(|engine| engine.take_late()) {
-            self.known_mut(axis).trust = Trust::Lost;
-            self.stop(now, board, StopCause::Underrun { axis: Axis(axis as u8) });
-        }
-        let Some(gap) = board.pulses(|engine| engine.take_gap()) else { return };
-        if gap.ticks > GAP {
+    /// Takes note of pulses that failed to come.
+    pub(super) fn watch_pulses(&mut self, now: BoardTime, board: &mut impl Board) {
+        let (gap, late) = board.pulses(|engine| (engine.take_gap(), engine.take_late()));
+        if let Some(gap) = gap.filter(|g| g.ticks > GAP) {
             // The engine has let go of all paths: the axes stand where they are counted, if their motors followed.
             let moved = core::array::from_fn(|i| self.known(i).lane.is_some());
             self.abandon(board, moved, StopCause::Underrun { axis: Axis(gap.axis as u8) });
+        }
+        if let Some(axis) = late {
+            self.known_mut(axis).trust = Trust::Lost;
+            self.stop(now, board, StopCause::Underrun { axis: Axis(axis as u8) });
         }
     }
 

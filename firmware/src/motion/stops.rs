@@ -13,7 +13,7 @@ pub(super) const PLANNING: u64 = 500 * TICKS_PER_US;
 impl Motion {
     /// Stops everything, decelerated, and forgets what waits. [`MotionEvent::Stopped`] follows when all is at rest.
     pub fn stop(&mut self, now: BoardTime, board: &mut impl Board, cause: StopCause) {
-        let _ = now;
+        self.watch_pulses(now, board);
         self.queue.clear();
         self.held = false;
         if self.resting() || self.stopping.is_some() {
@@ -28,6 +28,7 @@ impl Motion {
 
     /// Feed hold: decelerates along the path and keeps what is to come. Anything but moves and jogs is stopped.
     pub fn hold(&mut self, now: BoardTime, board: &mut impl Board) {
+        self.watch_pulses(now, board);
         match self.task {
             Task::Line { .. } | Task::Jog { .. } => {
                 if !self.held && self.stopping.is_none() {
@@ -52,7 +53,10 @@ impl Motion {
         }
         let mut margin = PLANNING;
         for _ in 0..4 {
-            let tick = board.pulses(|engine| engine.laid(axes)) + margin;
+            // A path that was changed a moment ago begins first.
+            let begin = self.axes.iter().zip(axes).filter(|(_, take)| *take).filter_map(|(k, _)| k.lane.as_ref());
+            let begin = begin.map(|lane| lane.begin).max().unwrap_or(0);
+            let tick = (board.pulses(|engine| engine.laid(axes)) + margin).max(begin);
             let plans = core::array::from_fn(|i| match &self.task {
                 _ if !axes[i] => None,
                 Task::Swing(swinging) if swinging.axis == i && swinging.swings() => {
@@ -70,21 +74,8 @@ impl Motion {
     /// Replaces the paths of some axes from a tick on; each comes with the edges that remain of the phase there. False when
     /// it was too late for that.
     pub(super) fn splice(&mut self, board: &mut impl Board, tick: u64, plans: [Option<(Lane, u32)>; AXES]) -> bool {
-        let phases: [_; AXES] =
-            core::array::from_fn(|i| plans[i].as_ref().map(|(lane, before)| (lane.phases(), *before)));
-        let done = board.pulses(|engine| {
-            if engine.laid(core::array::from_fn(|i| phases[i].is_some())) > tick {
-                return false;
-            }
-            let mut all = true;
-            for (index, plan) in phases.iter().enumerate() {
-                if let Some((phases, before)) = plan {
-                    engine.drop_triggers(tick);
-                    all &= engine.cut(index, tick, *before) && engine.append(index, phases);
-                }
-            }
-            all
-        });
+        let phases = core::array::from_fn(|i| plans[i].as_ref().map(|(lane, before)| (*before, lane.phases())));
+        let done = board.pulses(|engine| engine.splice(tick, &phases));
         if done {
             self.triggers.cut(tick);
             for (known, plan) in self.axes.iter_mut().zip(plans) {

@@ -203,6 +203,11 @@ impl Track {
         }
     }
 
+    /// Whether a path has begun and its last edge is not out.
+    pub fn under_way(&self) -> bool {
+        self.open || !self.out() || self.edges.begun(self.end)
+    }
+
     /// Whether DIR or STEP changes level, or may, from here on.
     pub fn busy(&self) -> bool {
         !self.exhausted() || !self.out()
@@ -216,6 +221,11 @@ impl Track {
     /// Cuts the path at a tick not laid yet: of the phase there, `steps` edges remain. False when more are laid.
     pub fn cut(&mut self, tick: u64, steps: u32) -> bool {
         self.end <= tick && self.edges.cut(tick, steps, self.end)
+    }
+
+    /// Whether [`Self::cut`] would cut.
+    pub fn can_cut(&self, tick: u64, steps: u32) -> bool {
+        self.end <= tick && self.edges.can_cut(tick, steps)
     }
 
     /// Lays records until they reach `horizon` or there is no room.
