@@ -33,7 +33,7 @@ pub struct Figures {
     /// Instructions of the step interrupt a step at constant speed, both edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instructions_per_edge_cruise: Option<f64>,
-    /// Largest part of its period that one step interrupt takes, one axis at its top rate.
+    /// Mean part of its period that the step interrupt takes, one axis at its top rate, both edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub service_load_1_axis: Option<f64>,
     /// The same, three axes.

@@ -13,6 +13,7 @@ use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::Mcu;
 use rigless::session::Session;
 use rigless::snapshot::Store;
+use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::path::Path;
@@ -70,6 +71,8 @@ enum Order {
     Level { port: char, pin: u8 },
     /// Hold the core, or let it go: to everything else it is as if it had masked its interrupts and spun.
     Hold(bool),
+    /// Put a word into RAM.
+    Poke { address: u64, value: u32 },
     /// Count instructions between these places.
     Watch(Watch),
     /// That was all.
@@ -229,6 +232,11 @@ impl Machine {
         self.tell(Order::Hold(held));
     }
 
+    /// Puts a word into the program's RAM: a fault that a cosmic ray or a bug might make.
+    pub fn poke(&self, address: u64, value: u32) {
+        self.tell(Order::Poke { address, value });
+    }
+
     /// Counts passages at an instruction, from now on.
     pub fn watch_instruction(&self, address: u64) {
         self.tell(Order::Watch(Watch::Instruction(address)));
@@ -278,6 +286,8 @@ impl Driver<Nucleo> for Runner {
                     self.outbox.send(Answer::Level(session.board().chip.level(port, pin))).ok()?;
                 }
                 Order::Hold(held) => core.hold(held),
+                // Not RAM: an error of the scenario, which ends the run.
+                Order::Poke { address, value } => core.write(address, Width::W32, value.into()).ok()?,
                 Order::Watch(watch) => session.watch(watch),
                 Order::End => return None,
             }

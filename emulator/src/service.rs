@@ -1,6 +1,7 @@
 //! What the step interrupt costs, counted from outside: instructions from its first to its last.
 
 use crate::Machine;
+use crate::chip::CORE_HZ;
 use crate::machine::Hit;
 use anyhow::ensure;
 
@@ -30,12 +31,16 @@ pub struct Service {
     pub nanos: u64,
     /// Instructions.
     pub instructions: u64,
+    /// From the begin of the one before to its own, ns: more than a period when something held it up.
+    pub since: u64,
 }
 
 impl Service {
-    /// The part of its period that it takes, by the reckoning above.
+    /// The part of its own time that it takes, by the reckoning above. One that was held up has more to lay, and more time.
     pub fn load(&self) -> f64 {
-        (self.instructions as f64 * CYCLES_PER_INSTRUCTION + ENTRY_CYCLES) / (PERIOD_TICKS * CYCLES_PER_TICK)
+        let cycles = self.instructions as f64 * CYCLES_PER_INSTRUCTION + ENTRY_CYCLES;
+        let period = PERIOD_TICKS * CYCLES_PER_TICK;
+        cycles / (self.since as f64 * CORE_HZ as f64 / 1e9).max(period)
     }
 }
 
@@ -61,7 +66,8 @@ pub fn services(board_entry: u64, hits: &[Hit]) -> anyhow::Result<Vec<Service>> 
             open = Some(hit);
         } else if let Some(begin) = open.take() {
             // The first write after the entry is the interrupt's own: nothing interrupts it.
-            found.push(Service { nanos: begin.nanos, instructions: hit.instructions - begin.instructions + TAIL });
+            let since = found.last().map_or(0, |before: &Service| begin.nanos - before.nanos);
+            found.push(Service { nanos: begin.nanos, instructions: hit.instructions - begin.instructions + TAIL, since });
         }
     }
     ensure!(!found.is_empty(), "the step interrupt was never seen");

@@ -22,22 +22,15 @@ const SCALE: f64 = 400.0;
 
 /// What a run at the top rate brought.
 struct Run {
-    /// Steps a second at the top.
-    steps_per_s: f64,
-    /// Largest part of its period that the step interrupt took.
+    /// Steps a second, all axes together, up to which every run of the interrupt fitted into its own time: the top rate, or
+    /// the rate in the ramp at which the first did not.
+    sustained: f64,
+    /// Mean part of its period that the interrupt takes at constant speed.
     load: f64,
     /// Instructions a step at constant speed, all of the interrupt divided by the steps of that time.
     cruise: f64,
     /// The same while speeding up.
     ramp: f64,
-}
-
-impl Run {
-    /// Steps a second for which every run of the interrupt fits into its period: the whole load, though part of it does not
-    /// grow with the rate, so rather too few than too many.
-    fn sustained(&self) -> f64 {
-        self.steps_per_s / self.load.max(1.0)
-    }
 }
 
 /// All rates and costs.
@@ -49,10 +42,10 @@ pub fn play(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     let both_3 = run(elf, 3, Edges::Both)?;
     let single_1 = run(elf, 1, Edges::Rising)?;
     let single_3 = run(elf, 3, Edges::Rising)?;
-    figures.edges_per_s_1_axis = Some(both_1.sustained().round() as u64);
-    figures.edges_per_s_3_axes = Some(both_3.sustained().round() as u64);
-    figures.single_edge_steps_per_s_1_axis = Some(single_1.sustained().round() as u64);
-    figures.single_edge_steps_per_s_3_axes = Some(single_3.sustained().round() as u64);
+    figures.edges_per_s_1_axis = Some(both_1.sustained.round() as u64);
+    figures.edges_per_s_3_axes = Some(both_3.sustained.round() as u64);
+    figures.single_edge_steps_per_s_1_axis = Some(single_1.sustained.round() as u64);
+    figures.single_edge_steps_per_s_3_axes = Some(single_3.sustained.round() as u64);
     figures.instructions_per_step_cruise = Some(round(single_1.cruise));
     figures.instructions_per_step_ramp = Some(round(single_1.ramp));
     figures.instructions_per_edge_cruise = Some(round(both_1.cruise));
@@ -60,10 +53,10 @@ pub fn play(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     figures.service_load_3_axes = Some(round(both_3.load));
     Ok(format!(
         "both edges {:.2} M/s on one axis, {:.2} M/s on three; single edge {:.2} and {:.2} M/s; {:.1} instructions a step in cruise, {:.1} in ramps; interrupt load {:.2}, {:.2}",
-        both_1.sustained() / 1e6,
-        both_3.sustained() / 1e6,
-        single_1.sustained() / 1e6,
-        single_3.sustained() / 1e6,
+        both_1.sustained / 1e6,
+        both_3.sustained / 1e6,
+        single_1.sustained / 1e6,
+        single_3.sustained / 1e6,
         single_1.cruise,
         single_1.ramp,
         both_1.load,
@@ -117,7 +110,7 @@ fn run(elf: &Path, axes: usize, edges: Edges) -> anyhow::Result<Run> {
     // A scan's traffic: a request every few ms, beside the telemetry.
     let status = rest(&mut board, &mut talk, Duration::from_millis(5))?;
     let expected = settings.steps_per_um.steps(target).0;
-    let mut top = (u64::MAX, 0, 0);
+    let mut top = (0, 0);
     for axis in 0..axes {
         let trace = board.world.axes[axis].lock().expect("turns");
         let counted = if edges == Edges::Both { trace.step.len() } else { trace.rises().count() };
@@ -130,7 +123,7 @@ fn run(elf: &Path, axes: usize, edges: Edges) -> anyhow::Result<Run> {
             let shortest = records.iter().map(|i| between[*i]).min().unwrap_or(0);
             let fast: Vec<usize> = records.into_iter().filter(|i| between[*i] <= shortest + 1).collect();
             if let (Some(first), Some(last)) = (fast.first(), fast.last()) {
-                top = (trace.updates[*first], trace.updates[*last], fast.len());
+                top = (trace.updates[*first], trace.updates[*last]);
             }
         }
     }
@@ -151,10 +144,18 @@ fn run(elf: &Path, axes: usize, edges: Edges) -> anyhow::Result<Run> {
         all.iter().filter(|s| (from..to).contains(&tick(s))).map(|s| s.instructions).sum()
     };
     let per_step = |from: u64, to: u64| instructions(from, to) as f64 / steps_between(from, to).max(1) as f64;
-    let (from, to, _) = top;
+    let (from, to) = top;
+    let rate = |from: u64, to: u64| steps_between(from, to) as f64 / ((to - from).max(1) as f64 / TICK_HZ as f64);
+    // The interrupt works ahead, and the rate is that of the ms before.
+    let too_much = all.iter().find(|s| tick(s) > began && s.load() > 1.0).map(tick);
+    let sustained = match too_much {
+        Some(at) if at < to => rate(at.saturating_sub(TICK_HZ / 1000), at),
+        _ => rate(from, to),
+    };
+    let cruising: Vec<f64> = all.iter().filter(|s| (from..to).contains(&tick(s))).map(Service::load).collect();
     Ok(Run {
-        steps_per_s: steps_between(from, to) as f64 / ((to - from) as f64 / TICK_HZ as f64),
-        load: all.iter().map(Service::load).fold(0.0, f64::max),
+        sustained,
+        load: cruising.iter().sum::<f64>() / cruising.len().max(1) as f64,
         cruise: per_step(from, to),
         ramp: per_step(began, from),
     })
