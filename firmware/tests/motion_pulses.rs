@@ -131,13 +131,8 @@ fn a_single_step_and_a_few() {
 }
 
 #[test]
-fn memory() {
-    use parfocal_firmware::motion::*;
-    println!(
-        "Engine {} Motion {} Phase {} Lane {}",
-        size_of::<Engine>(),
-        size_of::<Motion>(),
-        size_of::<phase::Phase>(),
-        size_of::<lane::Lane>()
-    );
+fn what_it_takes_of_the_boards_memory() {
+    use parfocal_firmware::motion::{Engine, Motion};
+    assert!(size_of::<Engine>() < 42 * 1024, "{} bytes: four rings are 32 KiB of it", size_of::<Engine>());
+    assert!(size_of::<Motion>() < 6 * 1024, "{} bytes", size_of::<Motion>());
 }
