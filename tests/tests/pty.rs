@@ -1,0 +1,118 @@
+//! The same board behind a pseudo-terminal, with a real serial port in between.
+#![cfg(unix)]
+
+use parfocal_tests::{parfocal, parfocal_json};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+/// `parfocal simulate --pty`, ended with the test.
+struct Simulated {
+    child: Child,
+    ports: Vec<String>,
+}
+
+impl Simulated {
+    fn start() -> Self {
+        let mut child = parfocal()
+            .args(["--json", "simulate", "--pty", "--boards", "1"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        let said: Value = serde_json::from_str(&line).unwrap();
+        let ports = said["ports"].as_array().unwrap().iter().map(|p| p.as_str().unwrap().to_string()).collect();
+        Self { child, ports }
+    }
+}
+
+impl Drop for Simulated {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A bumpy focus curve on −60 … 60 µm.
+fn curve() -> tempfile::NamedTempFile {
+    let mut file = tempfile::NamedTempFile::with_suffix(".csv").unwrap();
+    writeln!(file, "z_um,phi").unwrap();
+    for i in 0..=240 {
+        let z = -60.0 + 0.5 * f64::from(i);
+        let phi = 0.3 + 1.0 / (1.0 + ((z - 13.0) / 18.0f64).powi(2)) + 0.1 * (-(z - 17.0f64).powi(2)).exp();
+        writeln!(file, "{z},{phi}").unwrap();
+    }
+    file
+}
+
+#[test]
+fn a_scan_through_a_serial_port_visits_the_same_places_as_in_the_simulator() {
+    let file = curve();
+    let camera = format!("curve:{}", file.path().display());
+    let (code, simulated) = parfocal_json(&["autofocus", "--camera", &camera]);
+    assert_eq!(code, 0, "{simulated}");
+    let board = Simulated::start();
+    let (code, real) = parfocal_json(&["--port", &board.ports[0], "autofocus", "--camera", &camera]);
+    assert_eq!(code, 0, "{real}");
+    for key in ["outcome", "z_um", "start_um", "travel_um", "frames", "samples"] {
+        assert_eq!(simulated[key], real[key], "{key}");
+    }
+}
+
+#[test]
+fn a_board_answers_one_program_at_a_time_and_the_next_one_after_it() {
+    let board = Simulated::start();
+    let port = board.ports[0].as_str();
+    let (code, info) = parfocal_json(&["--port", port, "info"]);
+    assert_eq!((code, info["boards"][0]["board"].as_str()), (0, Some("simulated")));
+    let (code, moved) = parfocal_json(&["--port", port, "move", "scope.z=-20"]);
+    assert_eq!((code, moved["positions_um"]["scope.z"].as_f64()), (0, Some(-20.0)));
+    // Connecting moves and resets nothing.
+    let (_, status) = parfocal_json(&["--port", port, "status"]);
+    assert_eq!(status["axes"][2]["position_um"], -20.0);
+}
+
+#[test]
+fn a_port_without_a_board_is_told_so() {
+    let (_master, far) = serialport::TTYPort::pair().unwrap();
+    let name = serialport::SerialPort::name(&far).unwrap();
+    drop(far);
+    let output = parfocal().args(["--port", &name, "status"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said.contains(&name) && said.contains("answers as a Parfocal board"), "{said}");
+}
+
+/// Something on a port that answers every frame with one of another protocol version.
+fn stranger(version: u8) -> (String, std::thread::JoinHandle<()>) {
+    use serialport::SerialPort;
+    use std::io::Read;
+    let (mut board, far) = serialport::TTYPort::pair().unwrap();
+    let name = far.name().unwrap();
+    board.set_timeout(Duration::from_secs(5)).unwrap();
+    let handle = std::thread::spawn(move || {
+        let _far = far;
+        let mut buffer = [0; 64];
+        let mut frame = [0; parfocal_protocol::frame::MAX_FRAME];
+        let n = parfocal_protocol::frame::encode_version(version, &0u8, &mut frame).unwrap();
+        while let Ok(read) = board.read(&mut buffer) {
+            if read > 0 && buffer[..read].contains(&0) && board.write_all(&frame[..n]).is_err() {
+                break;
+            }
+        }
+    });
+    (name, handle)
+}
+
+#[test]
+fn a_board_of_another_version_says_what_to_flash_or_update() {
+    for (version, says) in [(0, "flash the board"), (9, "update this program")] {
+        let (port, _thread) = stranger(version);
+        let output = parfocal().args(["--port", &port, "status"]).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && said.contains(says), "{version}: {said}");
+    }
+}
