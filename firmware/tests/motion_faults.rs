@@ -6,8 +6,8 @@ use motion_model::{ALL, Bench, Mock};
 use parfocal_firmware::motion::engine::SERVICE;
 use parfocal_firmware::motion::lane::Lane;
 use parfocal_firmware::motion::path::{Limits, Path};
+use parfocal_firmware::motion::record::Pulse;
 use parfocal_firmware::motion::record::SHORTEST;
-use parfocal_firmware::motion::track::Pulse;
 use parfocal_firmware::motion::{Ending, Motion, MotionEvent};
 use parfocal_protocol::message::{StopCause, Trust};
 use parfocal_protocol::settings::{AxisSettings, Driver, Edges};
@@ -106,8 +106,8 @@ proptest! {
         bench.timers.set_latency(latency);
         bench.run(ticks + 600_000);
         prop_assert_eq!(bench.engine.take_late(), None);
-        for axis in 0..2 {
-            prop_assert_eq!(&bench.steps(axis, both), &expected[axis]);
+        for (axis, expected) in expected.iter().enumerate() {
+            prop_assert_eq!(&bench.steps(axis, both), expected);
         }
     }
 }

@@ -7,7 +7,7 @@ use motion_model::{ALL, Bench};
 use parfocal_firmware::motion::lane::Lane;
 use parfocal_firmware::motion::limits::INTERVAL;
 use parfocal_firmware::motion::path::{Limits, Path};
-use parfocal_firmware::motion::track::Pulse;
+use parfocal_firmware::motion::record::Pulse;
 use proptest::prelude::*;
 use std::cmp::Ordering;
 
@@ -84,7 +84,7 @@ fn cases() -> impl Strategy<Value = Case> {
             // An acceleration within the board's: from rest to the rate in no less than rate / 2·10⁷ s.
             let rate = 84e6 / interval;
             let ramp = ramp.max(rate / 2e7 * 84e6).max(9_000.0);
-            let tj = (ramp / 2.0 * (1.0 - constant)).max(8_400.0).min(2e9);
+            let tj = (ramp / 2.0 * (1.0 - constant)).clamp(8_400.0, 2e9);
             let ta = (ramp - 2.0 * tj).max(0.0);
             let n = (n.ceil()).max((ramp / interval).ceil());
             let tv = (n * interval - ramp).max(0.0);

@@ -31,7 +31,7 @@ fn run(board: &mut Mock, motion: &mut Motion, stage: &mut Stage, ms: u64) -> Vec
                 at += if stage.up { 1 } else { -1 };
             }
         }
-        let noise = board.bench.timers.tick() / 42_000 % 3 == 0;
+        let noise = (board.bench.timers.tick() / 42_000).is_multiple_of(3);
         let near = |edge: i32| (at - edge).abs() <= 2 && noise;
         let s = *motion.settings(Axis(0));
         let pressed = |p: bool| p == (s.switches == Polarity::PressedHigh);
@@ -153,6 +153,7 @@ fn settings_out_of_range_are_refused_by_name() {
     let cases = [
         (AxisSettings { steps_per_um: StepsPerMicrometre(0.0), ..d }, Field::StepsPerUm),
         (AxisSettings { steps_per_um: StepsPerMicrometre(-10.0), ..d }, Field::StepsPerUm),
+        (AxisSettings { microsteps: 0, ..d }, Field::Microsteps),
         (AxisSettings { speed: MicrometresPerSecond(0.0), ..d }, Field::Speed),
         // 600,000 steps/s: more than an A4988 takes.
         (AxisSettings { speed: fast, ..d }, Field::Speed),

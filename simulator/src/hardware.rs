@@ -121,7 +121,8 @@ impl Board for Hardware {
         use parfocal_firmware::motion::StepTimers;
         let Some(mut timers) = self.timers.take() else { return };
         for axis in 0..AXES {
-            let (left, count) = (timers.left(axis), timers.count(axis));
+            // A timer that stands at its guard has counted nothing.
+            let (left, count) = (timers.left(axis), timers.count(axis).unwrap_or(0));
             self.engine.halted(axis, left, count);
         }
     }

@@ -4,7 +4,7 @@
 //! the vertex, since x|x| looks like x; so d is held near 0 by a prior, as one more measurement. e is even: it costs the
 //! vertex nothing and takes up the flanks' flattening.
 
-use super::curve::{Curve, Place, magnitude};
+use super::curve::{Cell, Curve, Place};
 use super::noise::root;
 
 /// How much the curvatures of the two sides differ, relative to their mean: standard deviation of the prior.
@@ -52,13 +52,18 @@ pub fn smooth_peak(curve: &Curve, model: &Model, vertex: f64) -> Option<Fit> {
         8..12 => 4,
         _ => TERMS,
     };
-    let mut normal = [[0.0; TERMS + 2]; TERMS];
-    let (mut square, mut places) = (0.0, 0.0);
+    // Differences in f64; then the sums in f32, which the board's FPU has.
+    let (per_unit, per_sigma) = (1.0 / unit, 1.0 / model.sigma);
+    let scaled = |cell: &Cell| {
+        let x = ((cell.x - vertex) * per_unit) as f32;
+        let y = ((cell.mean - reference) * per_sigma) as f32;
+        let square = x * x;
+        (f32::from(cell.frames), [1.0, x, square, if x < 0.0 { -square } else { square }, square * square], y)
+    };
+    let mut normal = [[0.0f32; TERMS + 2]; TERMS];
+    let mut places = 0.0;
     for (_, cell) in curve.between(model.from, model.to) {
-        let weight = f64::from(cell.frames);
-        let x = (cell.x - vertex) / unit;
-        let y = (cell.mean - reference) / model.sigma;
-        let f = [1.0, x, x * x, x * magnitude(x), x * x * x * x];
+        let (weight, f, y) = scaled(&cell);
         for i in 0..terms {
             let w = weight * f[i];
             for j in i..terms {
@@ -66,42 +71,45 @@ pub fn smooth_peak(curve: &Curve, model: &Model, vertex: f64) -> Option<Fit> {
             }
             normal[i][TERMS] += w * y;
         }
-        square += weight * y * y;
         places += 1.0;
     }
-    for i in 0..terms {
-        for j in 0..i {
-            normal[i][j] = normal[j][i];
+    let upper = normal;
+    for (i, row) in normal.iter_mut().enumerate().take(terms) {
+        for (j, value) in row.iter_mut().enumerate().take(i) {
+            *value = upper[j][i];
         }
     }
     let lopsided = terms > 3;
     if lopsided {
         let bend = model.bend.map_or(1.0, |b| b * unit * unit / model.sigma);
-        normal[3][3] += 1.0 / (LOPSIDED * bend * LOPSIDED * bend);
+        normal[3][3] += (1.0 / (LOPSIDED * bend * LOPSIDED * bend)) as f32;
     }
-    let right: [f64; TERMS] = core::array::from_fn(|i| normal[i][TERMS]);
     // A second right-hand side gives the first element of the inverse: the variance of a.
     normal[0][TERMS + 1] = 1.0;
     let solved = eliminate(normal, terms)?;
-    let coefficient = |i: usize| if i < terms { solved[i][TERMS] } else { 0.0 };
-    let bend = -coefficient(2);
-    let slope = coefficient(1);
-    let explained: f64 = (0..terms).map(|i| coefficient(i) * right[i]).sum();
+    let fitted: [f32; TERMS] = core::array::from_fn(|i| if i < terms { solved[i][TERMS] } else { 0.0 });
+    let mut misfit = 0.0f32;
+    for (_, cell) in curve.between(model.from, model.to) {
+        let (weight, f, y) = scaled(&cell);
+        let left = f.iter().zip(&fitted).fold(y, |left, (f, c)| left - f * c);
+        misfit += weight * left * left;
+    }
+    let [height, slope, bend] = [fitted[0], fitted[1], -fitted[2]].map(f64::from);
     Some(Fit {
-        top: reference + model.sigma * (coefficient(0) + if bend > 0.0 { 0.25 * slope * slope / bend } else { 0.0 }),
-        error: model.sigma * root(solved[0][TERMS + 1]),
+        top: reference + model.sigma * (height + if bend > 0.0 { 0.25 * slope * slope / bend } else { 0.0 }),
+        error: model.sigma * root(f64::from(solved[0][TERMS + 1])),
         shift: if bend == 0.0 { 0.0 } else { 0.5 * slope / bend * unit },
         bend: bend * model.sigma / (unit * unit),
-        misfit: square - explained,
+        misfit: f64::from(misfit),
         // The vertex was looked for, too; the prior gives most of its own term back.
         freedom: places - terms as f64 - 1.0 + if lopsided { 0.8 } else { 0.0 },
     })
 }
 
 /// Gauss-Jordan on the normal equations; `None` where they are singular.
-fn eliminate(mut m: [[f64; TERMS + 2]; TERMS], terms: usize) -> Option<[[f64; TERMS + 2]; TERMS]> {
+fn eliminate(mut m: [[f32; TERMS + 2]; TERMS], terms: usize) -> Option<[[f32; TERMS + 2]; TERMS]> {
     for i in 0..terms {
-        if m[i][i] <= 1e-12 {
+        if m[i][i] <= 1e-6 {
             return None;
         }
         let inverse = 1.0 / m[i][i];

@@ -15,6 +15,12 @@ const WINDOWS: [i32; 12] = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 88];
 /// Standard errors taken off a peak's height, because the highest of many was picked.
 const CAUTION: f64 = 3.0;
 
+/// Standard deviations of one frame below the best at which a maximum is not worth a fit.
+const HOPELESS: f64 = 3.0;
+
+/// What of the curve's height the smoothing may take off a narrow top.
+const SMOOTHED: f64 = 0.1;
+
 /// Standard deviations of χ² above its mean at which a window is contradicted.
 const MISFIT: f64 = 2.5;
 
@@ -44,9 +50,12 @@ pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
     if curve.noise().is_silent() {
         return places.filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
     }
+    let (_, best) = curve.best()?;
+    // A narrow top loses up to a fifth of itself to the smoothing, and more to lying between two samples.
+    let least = best - HOPELESS * curve.noise().relative() * magnitude(best) - SMOOTHED * (best - curve.floor());
     let bound = |p: &Peak| p.value - CAUTION * p.error;
     places
-        .filter(|p| is_local_maximum(curve, *p))
+        .filter(|p| curve.smooth(*p).is_some_and(|v| v > least) && is_local_maximum(curve, *p))
         .filter_map(|p| widen(curve, p))
         .reduce(|a, b| if bound(&b) > bound(&a) { b } else { a })
 }
@@ -66,8 +75,17 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
     }
     let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
     let peak = parabola(middle, low, high);
-    let halfway = 4.0 * (peak.at - middle.x) / (high.x - low.x);
-    Some(Peak { error: HIDDEN * drop * halfway * halfway, ..peak })
+    if high.x - low.x > 4.0 * f64::from(STRIDE)
+        && let Some(peak) =
+            beyond(curve, place, low, high).and_then(|outer| quartic([outer.0, low, middle, high, outer.1]))
+    {
+        return Some(peak);
+    }
+    let width = high.x - low.x;
+    let halfway = 4.0 * (peak.at - middle.x) / width;
+    // Half the distance hides a quarter of a drop that is a quarter, too.
+    let apart = width / (2.0 * f64::from(STRIDE));
+    Some(Peak { error: HIDDEN * drop * halfway * halfway * apart * apart, ..peak })
 }
 
 /// The nearest known cell on one side.
@@ -89,6 +107,41 @@ pub fn parabola(middle: Cell, low: Cell, high: Cell) -> Peak {
         peak.value += 0.5 * slope * shift;
     }
     peak
+}
+
+/// The cells next to two cells beside a place, outwards.
+fn beyond(curve: &Curve, place: Place, low: Cell, high: Cell) -> Option<(Cell, Cell)> {
+    let off = |c: Cell| (c.x - f64::from(place.0)) as i32;
+    let next = |from: i32, sign: i32| (1..=APART).find_map(|d| curve.at(Place(place.0 + from + d * sign)));
+    Some((next(off(low) - 1, -1)?, next(off(high) + 1, 1)?))
+}
+
+/// The top of the polynomial through five cells that lie far apart, as in a sweep: a parabola through three would be
+/// off by a fiftieth of their distance. By Newton's divided differences and steps.
+fn quartic(cells: [Cell; 5]) -> Option<Peak> {
+    let mut c = cells.map(|cell| cell.mean);
+    for order in 1..5 {
+        for i in (order..5).rev() {
+            c[i] = (c[i] - c[i - 1]) / (cells[i].x - cells[i - order].x);
+        }
+    }
+    let mut at = parabola(cells[2], cells[1], cells[3]).at;
+    let mut value = cells[2].mean;
+    for _ in 0..4 {
+        let (mut p, mut slope, mut bend) = (c[4], 0.0, 0.0);
+        for i in (0..4).rev() {
+            let x = at - cells[i].x;
+            bend = bend * x + 2.0 * slope;
+            slope = slope * x + p;
+            p = p * x + c[i];
+        }
+        value = p;
+        if bend < 0.0 {
+            at -= slope / bend;
+        }
+    }
+    let inside = at > cells[1].x && at < cells[3].x && value >= cells[2].mean;
+    inside.then_some(Peak { at, value, error: 0.0, window: 2 })
 }
 
 /// The widest window around a local maximum that one smooth peak explains.

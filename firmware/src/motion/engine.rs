@@ -2,10 +2,10 @@
 
 use super::lane::Phases;
 use super::phase::Phase;
-use super::record::{LONGEST, RING, Record};
+use super::record::{LONGEST, Pulse, RING, Record};
 use super::ring::WAKE;
 use super::swing::{AMPLITUDE, Quarter};
-use super::track::{Pulse, Track};
+use super::track::Track;
 use super::trigger::AHEAD;
 use heapless::Deque;
 use parfocal_protocol::units::{AXES, BoardTime};

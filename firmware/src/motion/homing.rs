@@ -6,7 +6,7 @@ use super::path::{Limits, Path};
 use crate::ports::Board;
 use parfocal_protocol::message::{HomingFault, StopCause, Trust};
 use parfocal_protocol::settings::Side;
-use parfocal_protocol::units::{Axis, BoardTime};
+use parfocal_protocol::units::Axis;
 
 /// How much slower the second approach is.
 const SLOWER: f64 = 10.0;
@@ -52,7 +52,7 @@ impl Homing {
 
 impl Motion {
     /// Takes homing one step on: called at every poll while it goes on.
-    pub(super) fn home_on(&mut self, now: BoardTime, board: &mut impl Board) {
+    pub(super) fn home_on(&mut self, board: &mut impl Board) {
         let Task::Home(homing) = &self.task else { return };
         let homing = homing.clone();
         let (axis, side) = (homing.axis, homing.side);
@@ -60,8 +60,8 @@ impl Motion {
         let busy = board.pulses(|engine| engine.busy(axis));
         let speed = f64::from(self.known(axis).settings.home_speed.0);
         let next = match homing.stage {
-            Stage::Begin if pressed => self.run_home(now, board, axis, opposite(side), speed, Stage::BackOff),
-            Stage::Begin => self.run_home(now, board, axis, side, speed, Stage::Approach),
+            Stage::Begin if pressed => self.run_home(board, axis, opposite(side), speed, Stage::BackOff),
+            Stage::Begin => self.run_home(board, axis, side, speed, Stage::Approach),
             Stage::Approach if pressed => self.halt_home(board, axis, Next::BackOff),
             Stage::Approach if other => return self.fail_home(board, axis, HomingFault::WrongSide),
             Stage::Approach if !busy => return self.fail_home(board, axis, HomingFault::Missing),
@@ -77,8 +77,8 @@ impl Motion {
             }
             Stage::Touch if !busy => return self.fail_home(board, axis, HomingFault::Missing),
             Stage::Stopping { then } if !busy => match then {
-                Next::BackOff => self.run_home(now, board, axis, opposite(side), speed, Stage::BackOff),
-                Next::Touch => self.run_home(now, board, axis, side, speed / SLOWER, Stage::Touch),
+                Next::BackOff => self.run_home(board, axis, opposite(side), speed, Stage::BackOff),
+                Next::Touch => self.run_home(board, axis, side, speed / SLOWER, Stage::Touch),
                 Next::Set { edge } => {
                     self.set_home(board, axis, edge);
                     Stage::Done { edge }
@@ -92,15 +92,7 @@ impl Motion {
     }
 
     /// Runs towards a side for as far as the axis reaches.
-    fn run_home(
-        &mut self,
-        now: BoardTime,
-        board: &mut impl Board,
-        axis: usize,
-        side: Side,
-        um_s: f64,
-        stage: Stage,
-    ) -> Stage {
+    fn run_home(&mut self, board: &mut impl Board, axis: usize, side: Side, um_s: f64, stage: Stage) -> Stage {
         self.track_play(board);
         let known = self.known(axis);
         let s = &known.settings;
@@ -110,7 +102,7 @@ impl Motion {
         let limits = Limits { v: um_s * scale / TICKS, ..limits::in_ticks(s) };
         if let Some(path) = Path::rest_to_rest(super::math::floor(range).max(1.0), limits) {
             self.set_lane(axis, path, if side == Side::High { 1.0 } else { -1.0 }, limits);
-            self.launch(now, board);
+            self.launch(board);
         }
         stage
     }

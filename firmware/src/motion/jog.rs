@@ -77,12 +77,12 @@ impl Motion {
         {
             *wanted = f64::from(speed.0) * scale / TICKS;
         }
-        self.steer(now, board, index);
+        self.steer(board, index);
         Ok(self.running)
     }
 
     /// Gives an axis that jogs the path to the speed wanted of it.
-    pub(super) fn steer(&mut self, now: BoardTime, board: &mut impl Board, index: usize) {
+    pub(super) fn steer(&mut self, board: &mut impl Board, index: usize) {
         let Task::Jog { wanted } = &self.task else { return };
         let wanted = wanted.get(index).copied().unwrap_or(0.0);
         let moving = board.pulses(|engine| engine.busy(index));
@@ -96,7 +96,7 @@ impl Motion {
                     && let Some(path) = Path::rest_to_rest(distance, limits)
                 {
                     self.set_lane(index, path, if wanted > 0.0 { 1.0 } else { -1.0 }, limits);
-                    self.launch(now, board);
+                    self.launch(board);
                 }
             }
             return;

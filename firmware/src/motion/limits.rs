@@ -1,8 +1,7 @@
 //! What the board can do, and what it therefore refuses when it is asked for.
 
 use super::path::Limits;
-use super::record::SHORTEST;
-use super::track::Pulse;
+use super::record::{Pulse, SHORTEST};
 use parfocal_protocol::message::{Field, Refusal};
 use parfocal_protocol::settings::{AxisSettings, Driver, Edges};
 use parfocal_protocol::units::TICKS_PER_SECOND;
@@ -110,6 +109,7 @@ pub fn check(settings: &AxisSettings) -> Result<(), Refusal> {
     }
     let scale = f64::from(s.steps_per_um.0);
     within(scale, 0.001, 10_000.0, Field::StepsPerUm)?;
+    within(f64::from(s.microsteps), 1.0, 256.0, Field::Microsteps)?;
     let (speed, acceleration, jerk) = (f64::from(s.speed.0), f64::from(s.acceleration.0), f64::from(s.jerk.0));
     within(speed, SLOWEST / scale, fastest(s) / scale, Field::Speed)?;
     within(acceleration, speed / RAMP, ACCELERATION / scale, Field::Acceleration)?;

@@ -71,13 +71,13 @@ impl Motion {
         let wish = Wish { id, to: *to, speed, ending };
         let _ = self.queue.push_back(wish);
         if !waits {
-            self.next_move(now, board);
+            self.next_move(board);
         }
         Ok(id)
     }
 
     /// Begins the first move that waits.
-    pub(super) fn next_move(&mut self, now: BoardTime, board: &mut impl Board) {
+    pub(super) fn next_move(&mut self, board: &mut impl Board) {
         let Some(wish) = self.queue.pop_front() else { return };
         self.track_play(board);
         let mut take_up: Leg = [None; AXES];
@@ -110,11 +110,11 @@ impl Motion {
         let first = legs.pop().unwrap_or_default();
         let then = legs.iter().copied().collect();
         self.task = Task::Line { wish, now: first, then };
-        self.begin_leg(now, board);
+        self.begin_leg(board);
     }
 
     /// Starts the axes of the leg that is due.
-    pub(super) fn begin_leg(&mut self, now: BoardTime, board: &mut impl Board) {
+    pub(super) fn begin_leg(&mut self, board: &mut impl Board) {
         self.quiet = None;
         let Task::Line { wish, now: leg, .. } = &self.task else { return };
         let (leg, speed) = (*leg, wish.speed);
@@ -128,7 +128,7 @@ impl Motion {
             let distance = f64::from(to.wrapping_sub(from));
             self.set_lane(index, straight.path.clone(), distance, straight.limits);
         }
-        self.launch(now, board);
+        self.launch(board);
     }
 
     /// An axis' next lane, from rest; its beginning is set by [`Self::launch`].
@@ -148,8 +148,7 @@ impl Motion {
     }
 
     /// Hands all lanes that have not begun to the engine, to begin together.
-    pub(super) fn launch(&mut self, now: BoardTime, board: &mut impl Board) {
-        let _ = now;
+    pub(super) fn launch(&mut self, board: &mut impl Board) {
         self.quiet = None;
         let mut phases: [super::lane::Phases; AXES] = Default::default();
         for (index, phases) in phases.iter_mut().enumerate() {
@@ -274,7 +273,7 @@ impl Motion {
         self.running = self.next_id();
         self.stopped = None;
         self.task = Task::Swing(swinging);
-        self.swing_on(now, board);
+        self.swing_on(board);
         Ok(self.running)
     }
 
@@ -293,7 +292,7 @@ impl Motion {
         self.running = self.next_id();
         self.stopped = None;
         self.task = Task::Home(Homing::new(index, side));
-        self.home_on(now, board);
+        self.home_on(board);
         Ok(self.running)
     }
 

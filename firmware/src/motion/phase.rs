@@ -236,7 +236,7 @@ fn swing(amplitude: u32, quarter: u64, up: bool, place: &mut Place, table: &Quar
         place.time &= 0xffff_ffff;
     }
     let from_turn = |edge: u32| table.get(edge as usize).map_or(0, |t| u64::from(*t) << 28);
-    let time = if quarters % 2 == 0 {
+    let time = if quarters.is_multiple_of(2) {
         from_turn(edge)
     } else {
         quarter.saturating_sub(from_turn(amplitude.wrapping_sub(1).wrapping_sub(edge)))

@@ -71,20 +71,20 @@ impl Motion {
 
     fn go_on(&mut self, now: BoardTime, board: &mut impl Board) {
         if matches!(self.task, Task::Home(_)) && self.stopping.is_none() {
-            self.home_on(now, board);
+            self.home_on(board);
         }
         if let Task::Jog { wanted } = &self.task {
             let wanted = *wanted;
             for (index, wanted) in wanted.into_iter().enumerate() {
                 let waits = wanted != 0.0 && !self.held && self.stopping.is_none();
                 if waits && self.arrived(now, board, index) && self.turned_round(index, wanted) {
-                    self.steer(now, board, index);
+                    self.steer(board, index);
                 }
             }
         }
         if self.resting() {
             if !self.queue.is_empty() && !self.held && !self.emergency {
-                self.next_move(now, board);
+                self.next_move(board);
             }
             return;
         }
@@ -92,7 +92,7 @@ impl Motion {
             self.quiet = None;
             return;
         }
-        if self.held || !self.next_stretch(now, board) {
+        if self.held || !self.next_stretch(board) {
             self.settle(now, board);
         }
     }
@@ -109,7 +109,7 @@ impl Motion {
     }
 
     /// Begins what comes next in the present task. False when it is over.
-    fn next_stretch(&mut self, now: BoardTime, board: &mut impl Board) -> bool {
+    fn next_stretch(&mut self, board: &mut impl Board) -> bool {
         if self.stopping.is_some() {
             return false;
         }
@@ -124,10 +124,10 @@ impl Motion {
                         *leg = next;
                     }
                 }
-                self.begin_leg(now, board);
+                self.begin_leg(board);
                 true
             }
-            Task::Swing(_) => self.swing_on(now, board),
+            Task::Swing(_) => self.swing_on(board),
             Task::Home(homing) => !matches!(homing.stage, Stage::Done { .. }),
             Task::Jog { .. } | Task::Rest => false,
         }

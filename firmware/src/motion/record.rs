@@ -69,3 +69,16 @@ impl Record {
         self.ccr1 > self.arr
     }
 }
+
+/// How an axis' STEP and DIR are driven, ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulse {
+    /// STEP high time of single-edge stepping.
+    pub high: u32,
+    /// DIR stands this long before a step.
+    pub setup: u32,
+    /// Whether both edges of STEP are steps.
+    pub both: bool,
+    /// Whether larger counts mean DIR low.
+    pub inverted: bool,
+}

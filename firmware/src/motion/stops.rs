@@ -92,10 +92,9 @@ impl Motion {
     }
 
     /// Outputs off at once. Positions stay counted; those of axes that moved are no longer trusted.
-    pub fn emergency(&mut self, now: BoardTime, board: &mut impl Board) {
+    pub fn emergency(&mut self, _now: BoardTime, board: &mut impl Board) {
         let moved: [bool; AXES] = core::array::from_fn(|i| board.pulses(|engine| engine.busy(i)));
         board.outputs_off();
-        let _ = now;
         self.emergency = true;
         self.queue.clear();
         self.held = false;
@@ -125,9 +124,8 @@ impl Motion {
     ///
     /// # Errors
     /// [`Refusal::Emergency`] while the input is pressed.
-    pub fn clear_emergency(&mut self, now: BoardTime, board: &mut impl Board) -> Result<(), Refusal> {
+    pub fn clear_emergency(&mut self, _now: BoardTime, board: &mut impl Board) -> Result<(), Refusal> {
         let pressed = self.emergency_wired && board.inputs().emergency;
-        let _ = now;
         if pressed {
             return Err(Refusal::Emergency);
         }

@@ -9,7 +9,7 @@ use super::phase::{Phase, Shape};
 use super::stretch::{State, count};
 use crate::ports::Board;
 use parfocal_protocol::message::{Field, Refusal};
-use parfocal_protocol::units::{BoardTime, Hertz, Nanometres, Steps};
+use parfocal_protocol::units::{Hertz, Nanometres, Steps};
 
 /// Largest amplitude, steps: the table of one quarter of a swing has so many edges.
 pub const AMPLITUDE: usize = 512;
@@ -129,7 +129,7 @@ impl Swinging {
         let (a, quarter) = (f64::from(self.amplitude), self.quarter as f64 / 4_294_967_296.0);
         let (sine, cosine) = (cos_quarter(1.0 - part), cos_quarter(part));
         // Away from a turning point, or towards one.
-        let from_turn = quarters % 2 == 0;
+        let from_turn = quarters.is_multiple_of(2);
         let (distance, v) = if from_turn { (a * (1.0 - cosine), sine) } else { (a * sine, cosine) };
         let counts = count(distance, false);
         let up = quarters / 2 % 2 == 1;
@@ -156,7 +156,7 @@ impl Swinging {
 
 impl Motion {
     /// Begins the next stretch of a vibration: out to the turning point, the swings, back. False when it is over.
-    pub(super) fn swing_on(&mut self, now: BoardTime, board: &mut impl Board) -> bool {
+    pub(super) fn swing_on(&mut self, board: &mut impl Board) -> bool {
         let Task::Swing(swinging) = &mut self.task else { return false };
         let swinging_now = swinging.clone();
         let (axis, amplitude) = (swinging_now.axis, swinging_now.amplitude as i32);
@@ -184,7 +184,7 @@ impl Motion {
             && let Some(path) = Path::rest_to_rest(distance.abs(), limits)
         {
             self.set_lane(axis, path, if distance > 0.0 { 1.0 } else { -1.0 }, limits);
-            self.launch(now, board);
+            self.launch(board);
         }
         true
     }

@@ -2,25 +2,12 @@
 
 use super::edges::Edges;
 use super::phase::{Phase, Span};
-use super::record::{LONGEST, Record, SHORTEST};
+use super::record::{LONGEST, Pulse, Record, SHORTEST};
 use super::ring::Ring;
 use super::swing::Quarter;
 
 /// Records that are always laid ahead, however long they are: the guard must not come near.
 const FEWEST: u32 = 14;
-
-/// How an axis' STEP and DIR are driven, ticks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pulse {
-    /// STEP high time of single-edge stepping.
-    pub high: u32,
-    /// DIR stands this long before a step.
-    pub setup: u32,
-    /// Whether both edges of STEP are steps.
-    pub both: bool,
-    /// Whether larger counts mean DIR low.
-    pub inverted: bool,
-}
 
 /// One axis.
 #[derive(Debug)]
@@ -44,6 +31,7 @@ pub struct Track {
 
 impl Track {
     /// At rest, STEP low.
+    #[allow(clippy::new_without_default, reason = "const, for a static")]
     pub const fn new() -> Self {
         Self {
             ring: Ring::new(),

@@ -66,7 +66,7 @@ impl State {
 
     /// The next place to look at; `None` when the bracket is as narrow as the tolerance.
     fn propose(&mut self) -> Option<f64> {
-        let tolerance = 0.5 * f64::from(STRIDE);
+        let tolerance = f64::from(STRIDE);
         let middle = 0.5 * (self.low + self.high);
         let (x, w, v) = (self.x, self.w, self.v);
         if (x.0 - middle).abs() <= 2.0 * tolerance - 0.5 * (self.high - self.low) {

@@ -73,7 +73,7 @@ mod tests {
         fn each_finds_a_single_smooth_peak(peak in -90.0f64..90.0, width in 10.0f64..60.0) {
             for search in [&mut Golden::default() as &mut dyn Search, &mut CoarseFine::default(), &mut Brent::default()] {
                 let found = find(search, peak, width);
-                prop_assert!((found - peak).abs() <= 1.0, "{found} for {peak}");
+                prop_assert!((found - peak).abs() <= 2.0, "{found} for {peak}");
             }
         }
     }

@@ -9,7 +9,7 @@ pub mod moves;
 mod place;
 mod plain;
 
-pub use place::{Coarse, Joints, NeedsObjective, Now, place};
+pub use place::{Coarse, Joints, Now, RefFrame, place};
 
 use super::{MarkerId, StereoCamera};
 use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};

@@ -18,10 +18,10 @@ pub struct Now {
     pub joints_um: BTreeMap<MarkerId, Joints>,
 }
 
-/// The frame coarse registrations are given in.
+/// What the ref of coarse registrations was taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum NeedsObjective {
+pub enum RefFrame {
     /// ref, by the objective's marker.
     Objective,
     /// ref, as it lay to the substrate when the markers were learned.
@@ -46,7 +46,7 @@ pub struct Coarse {
     /// Expected root mean square error of directions.
     pub direction_error: Degrees,
     /// What ref is.
-    pub frame: NeedsObjective,
+    pub frame: RefFrame,
 }
 
 /// The direction of descent Θ and azimuth ψ in ref, z up: (cosΘ cosψ, cosΘ sinψ, −sinΘ).
@@ -83,7 +83,7 @@ pub fn place(seen: &Registration, learned: &Learned, now: &Now) -> Result<BTreeM
                     std::array::from_fn(|j| if j < 3 { axes[(i, j)] } else { origin[i] })
                 }),
                 tip_um: tip.map(|_| (axes * here + origin).into()),
-                tip_error: tip_error(pose, marker.tip_mm, by, &to_ref),
+                tip_error: tip_error(pose, marker.tip_mm, by),
                 theta: u.map(|u| Degrees((-u.z).clamp(-1.0, 1.0).asin().to_degrees())),
                 psi: u.map(|u| Degrees(u.y.atan2(u.x).to_degrees())),
                 direction_error: Degrees(pose.orientation.0.hypot(by.map_or(0.0, |b| b.orientation.0))),
@@ -99,36 +99,30 @@ fn link<'a>(
     seen: &'a Registration,
     learned: &Learned,
     now: &Now,
-) -> (Isometry3<f64>, NeedsObjective, Option<&'a MarkerPose>) {
+) -> (Isometry3<f64>, RefFrame, Option<&'a MarkerPose>) {
     for (id, objective) in &learned.objectives {
         if let Some(pose) = seen.markers.get(id) {
             let to_mic = (pose.pose * objective.mic).inverse();
             let to_ref = Translation3::from(now.microscope_um / 1000.0) * to_mic;
-            return (to_ref, NeedsObjective::Objective, Some(pose));
+            return (to_ref, RefFrame::Objective, Some(pose));
         }
     }
     match learned.substrate {
-        Some(to_ref) => (to_ref, NeedsObjective::LearnedSubstrate, None),
+        Some(to_ref) => (to_ref, RefFrame::LearnedSubstrate, None),
         None => {
             // The marker's z goes into the paper, ref's up.
             let over = Rotation3::from_matrix_unchecked(Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)));
             let over = UnitQuaternion::from_rotation_matrix(&over);
-            (Isometry3::from_parts(Translation3::identity(), over), NeedsObjective::Substrate, None)
+            (Isometry3::from_parts(Translation3::identity(), over), RefFrame::Substrate, None)
         }
     }
 }
 
 /// Errors of the marker's position, of its orientation over the lever to the tip, and of the objective's marker likewise.
-fn tip_error(
-    pose: &MarkerPose,
-    tip_mm: Option<Point3<f64>>,
-    by: Option<&MarkerPose>,
-    to_ref: &Isometry3<f64>,
-) -> Millimetres {
+fn tip_error(pose: &MarkerPose, tip_mm: Option<Point3<f64>>, by: Option<&MarkerPose>) -> Millimetres {
     let lever = tip_mm.map_or(0.0, |t| t.coords.norm());
     let turned = |pose: &MarkerPose, lever: f64| pose.position.0.hypot(lever * pose.orientation.0.to_radians());
     let own = turned(pose, lever);
     let other = by.map_or(0.0, |b| turned(b, (b.pose.translation.vector - pose.pose.translation.vector).norm()));
-    debug_assert!(to_ref.translation.vector.iter().all(|v| v.is_finite()));
     Millimetres(own.hypot(other))
 }
