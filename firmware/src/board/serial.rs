@@ -1,8 +1,8 @@
 //! The link over USART3 (PD8, PD9), which the ST-LINK offers as a virtual serial port. Both directions by DMA.
 
+use super::Irqs;
 use super::links::{ARRIVED, SERIAL};
 use super::watchdog::{LAP, Part, check_in};
-use super::Irqs;
 use embassy_futures::join::join;
 use embassy_stm32::Peri;
 use embassy_stm32::mode::Async;

@@ -58,14 +58,8 @@ pub fn start(spawner: Spawner, port: Port) {
     config.serial_number = Some(embassy_stm32::uid::uid_hex());
     config.self_powered = true;
     config.max_power = 0;
-    let mut builder = Builder::new(
-        driver,
-        config,
-        CONFIGURATION.init([0; 128]),
-        BOS.init([0; 64]),
-        &mut [],
-        CONTROL.init([0; 64]),
-    );
+    let mut builder =
+        Builder::new(driver, config, CONFIGURATION.init([0; 128]), BOS.init([0; 64]), &mut [], CONTROL.init([0; 64]));
     // The endpoints look at their registers before the device has switched the controller's clock on, whoever runs first.
     pac::RCC.ahb2enr().modify(|w| w.set_usb_otg_fsen(true));
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), ENDPOINT);
