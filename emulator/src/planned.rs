@@ -2,7 +2,7 @@
 //! put out must be this, tick by tick.
 
 use parfocal_firmware::motion::playback::{Change, Playback};
-use parfocal_firmware::motion::{Engine, Motion, SERVICE};
+use parfocal_firmware::motion::{Ending, Engine, Motion, SERVICE};
 use parfocal_firmware::ports::{Board, Inputs, Keep};
 use parfocal_protocol::message::Refusal;
 use parfocal_protocol::settings::AxisSettings;
@@ -66,7 +66,7 @@ impl Planned {
     ) -> Result<Vec<Change>, Refusal> {
         let mut changes = Vec::new();
         let now = self.now();
-        self.motion.move_to(now, &mut self.desk, to, speed)?;
+        self.motion.move_to(now, &mut self.desk, to, speed, Ending::Approach)?;
         // A motion that rests has told its end; ten services make the ms after which it is asked again.
         while !self.motion.in_position() {
             for _ in 0..10 {

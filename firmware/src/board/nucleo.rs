@@ -43,7 +43,7 @@ pub async fn run(spawner: Spawner) -> ! {
         enables: [enable(p.PF12), enable(p.PF13), enable(p.PF14), enable(p.PF15)],
         can_save: identity.can_save,
     };
-    let controller = Controller::new(control::now(), identity, &kept, hardware);
+    let controller = Controller::new(identity, &kept, hardware);
 
     let port = serial::Port { usart: p.USART3, tx: p.PD8, rx: p.PD9, tx_dma: p.DMA1_CH3, rx_dma: p.DMA1_CH1 };
     spawner.spawn(serial::run(port).expect("spawned once"));
