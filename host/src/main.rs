@@ -12,6 +12,8 @@ struct Arguments {
     /// One JSON object on stdout; text and progress on stderr
     #[arg(long, global = true)]
     json: bool,
+    #[command(flatten)]
+    connection: cmd::Connection,
     #[command(subcommand)]
     command: cmd::Command,
 }
@@ -19,7 +21,7 @@ struct Arguments {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let out = cmd::Output { json: arguments.json };
-    match cmd::run(arguments.command, out) {
+    match cmd::run(arguments.command, &arguments.connection, out) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) if error.is::<cmd::Refused>() => ExitCode::FAILURE,

@@ -74,7 +74,7 @@ fn settings_that_are_refused_name_the_field_and_its_range() {
     for (change, says) in [
         ("steps_per_um=-3", "steps_per_um must lie between"),
         ("speed_um_s=0", "speed_um_s must lie between"),
-        ("low_um=500", "low_um must lie between"),
+        ("low_um=500", "high_um must lie between 500"),
         ("sped=1", "there is no setting 'sped'"),
     ] {
         let (code, said) = fails(&["settings", "set", "scope.z", change]);

@@ -76,6 +76,16 @@ fn a_board_answers_one_program_at_a_time_and_the_next_one_after_it() {
 }
 
 #[test]
+fn a_port_that_another_program_has_open_is_told_so() {
+    let board = Simulated::start();
+    let port = board.ports[0].as_str();
+    let _other = serialport::new(port, 115_200).open().unwrap();
+    let output = parfocal().args(["--port", port, "status"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && said.contains(&format!("{port} is in use")), "{said}");
+}
+
+#[test]
 fn a_port_without_a_board_is_told_so() {
     let (_master, far) = serialport::TTYPort::pair().unwrap();
     let name = serialport::SerialPort::name(&far).unwrap();

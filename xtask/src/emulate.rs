@@ -3,9 +3,10 @@
 use crate::firmware;
 use crate::run::{check, command};
 use std::ffi::OsString;
+use std::process::Command;
 
 /// Runs the flashed firmware on an emulated board: conversations, moves, faults, figures
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Default, clap::Args)]
 pub struct Arguments {
     /// Print the figures as one JSON object on stdout
     #[arg(long)]
@@ -22,15 +23,22 @@ impl Arguments {
     pub fn run(&self) -> anyhow::Result<()> {
         let elf = firmware::build()?;
         let size = firmware::size(&elf)?;
-        // The emulator has a toolchain of its own: what cargo was told about ours must not reach it.
-        let mut emulator = command("cargo");
-        emulator.current_dir(crate::run::root().join("emulator"));
-        for name in ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC", "RUSTFLAGS", "CARGO_TARGET_DIR"] {
-            emulator.env_remove(name);
-        }
+        // Nothing installs a toolchain by itself: the one that emulator/rust-toolchain.toml names.
+        check(in_emulator("rustup").args(["toolchain", "install"]))?;
+        let mut emulator = in_emulator("cargo");
         emulator.args(["run", "--quiet", "--"]).arg(&elf);
         emulator.args(["--flash-bytes", &size.flash_bytes.to_string(), "--ram-bytes", &size.ram_bytes.to_string()]);
         emulator.args(self.json.then(|| OsString::from("--json")));
         check(emulator.args(&self.scenarios))
     }
+}
+
+/// A program in the emulator's workspace, which has a toolchain of its own: what cargo was told about ours must not reach it.
+fn in_emulator(program: &str) -> Command {
+    let mut command = command(program);
+    command.current_dir(crate::run::root().join("emulator"));
+    for name in ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC", "RUSTFLAGS", "CARGO_TARGET_DIR"] {
+        command.env_remove(name);
+    }
+    command
 }

@@ -1,5 +1,6 @@
 //! `cargo xtask test`: everything that must hold before a change is good.
 
+use super::emulate;
 use super::run::{cargo, check, works};
 use clap::ValueEnum;
 use std::time::Instant;
@@ -26,6 +27,8 @@ enum Step {
     Tests,
     /// Examples in the documentation, and its links
     Docs,
+    /// The firmware, and the scenarios on the emulated board
+    Emulator,
 }
 
 impl Arguments {
@@ -58,7 +61,11 @@ impl Step {
             Self::Lints => {
                 check(cargo().args(["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"]))
             }
-            Self::Tests => tests(&["--workspace"]),
+            Self::Tests => {
+                // Tests of the command run the program itself.
+                check(cargo().args(["build", "--quiet", "--package", "parfocal"]))?;
+                tests(&["--workspace"])
+            }
             Self::Docs => {
                 check(cargo().args(["test", "--workspace", "--doc", "--quiet"]))?;
                 check(
@@ -67,6 +74,7 @@ impl Step {
                         .env("RUSTDOCFLAGS", "-D warnings -A rustdoc::private_intra_doc_links"),
                 )
             }
+            Self::Emulator => emulate::Arguments::default().run(),
         }
     }
 }

@@ -22,8 +22,6 @@ use std::str::FromStr;
 /// Bring an axis into focus
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
     /// The axis that moves: the lens, or a manipulator's z
     #[arg(long, default_value = "scope.z", value_name = "AXIS")]
     axis: AxisName,
@@ -163,11 +161,11 @@ impl Arguments {
     ///
     /// # Errors
     /// What stopped it before the board could decide, or that the board refused.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         interrupt::watch();
         let recorded = self.recorded()?;
-        let model = self.model(recorded.as_ref());
-        let bench = self.connection.open(Purpose::Control, model)?;
+        let model = self.model(recorded.as_ref(), connection.seed);
+        let bench = connection.open(Purpose::Control, model)?;
         let (scanned, parameters) = self.focus(bench, recorded)?;
         if let Some(path) = &self.csv {
             std::fs::write(path, plot::csv(&scanned.samples))
@@ -201,8 +199,8 @@ impl Arguments {
     }
 
     /// The simulated rig for this scan: around a recorded stack the axis has the stack's extent.
-    fn model(&self, recorded: Option<&Recorded>) -> simulated::Model {
-        let mut model = simulated::Model { seed: self.connection.seed, ..simulated::Model::default() };
+    fn model(&self, recorded: Option<&Recorded>, seed: u64) -> simulated::Model {
+        let mut model = simulated::Model { seed, ..simulated::Model::default() };
         if let Some(recorded) = recorded {
             model.limits.push((self.axis, recorded.low, recorded.high));
             let middle = Micrometres((recorded.low.0 + recorded.high.0) / 2.0);
@@ -223,7 +221,8 @@ impl Arguments {
             bail!("the source covers no part of {}'s travel of {low} to {high} µm", self.axis);
         }
         if let Some(start) = self.start.or(middle) {
-            if start < low || start > high {
+            // Half a nanometre: what the link rounds away.
+            if start < low - 5e-4 || start > high + 5e-4 {
                 bail!("--start {start} lies outside {low} to {high} µm, where {} can go and pictures exist", self.axis);
             }
             let there = bench.stage.position(self.axis)?;

@@ -9,8 +9,6 @@ use serde::Serialize;
 /// Say who the boards are: firmware, unique id, why they last started
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
 }
 
 #[derive(Serialize)]
@@ -61,9 +59,9 @@ impl Arguments {
     ///
     /// # Errors
     /// When no board answers.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
-        let model = simulated::Model { seed: self.connection.seed, ..Default::default() };
-        let mut bench = self.connection.open(Purpose::Look, model)?;
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        let model = simulated::Model { seed: connection.seed, ..Default::default() };
+        let mut bench = connection.open(Purpose::Look, model)?;
         let rows: Vec<Row> = bench.stage.boards_mut().iter().map(|link| Row::new(link.port(), link.hello())).collect();
         bench.stage.close();
         let text = rows.iter().map(Row::text).collect::<Vec<_>>().join("\n");

@@ -17,6 +17,8 @@ mod status;
 mod stop;
 mod tip;
 
+pub use connection::Connection;
+
 use clap::Subcommand;
 
 /// Everything `parfocal` can be asked to do.
@@ -40,19 +42,19 @@ pub enum Command {
 ///
 /// # Errors
 /// Whatever stopped it, as one sentence for a person; the exit code is then 1.
-pub fn run(command: Command, out: Output) -> anyhow::Result<()> {
+pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Result<()> {
     match command {
-        Command::Setup(a) => a.run(out),
+        Command::Setup(a) => a.run(connection, out),
         Command::Ports(a) => a.run(out),
-        Command::Info(a) => a.run(out),
-        Command::Status(a) => a.run(out),
-        Command::Move(a) => a.run(out),
-        Command::Stop(a) => a.run(out),
-        Command::Settings(a) => a.run(out),
-        Command::Autofocus(a) => a.run(out),
+        Command::Info(a) => a.run(connection, out),
+        Command::Status(a) => a.run(connection, out),
+        Command::Move(a) => a.run(connection, out),
+        Command::Stop(a) => a.run(connection, out),
+        Command::Settings(a) => a.run(connection, out),
+        Command::Autofocus(a) => a.run(connection, out),
         Command::Calibrate(a) => calibrate::run(*a, out),
         Command::Focus(a) => focus::run(a, out),
-        Command::Simulate(a) => a.run(out),
+        Command::Simulate(a) => a.run(connection, out),
         Command::Tip(a) => a.run(out),
     }
 }

@@ -9,8 +9,6 @@ use std::str::FromStr;
 /// Move axes in a straight line: `parfocal move scope.z=12.5 scope.x+=10`
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
     /// AXIS=UM to a position, AXIS+=UM or AXIS-=UM by a distance
     #[arg(required = true, value_name = "AXIS=UM", allow_hyphen_values = true)]
     targets: Vec<Target>,
@@ -49,10 +47,10 @@ impl Arguments {
     ///
     /// # Errors
     /// When a move is refused or ends early.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         interrupt::watch();
-        let model = simulated::Model { seed: self.connection.seed, ..Default::default() };
-        let mut bench = self.connection.open(Purpose::Control, model)?;
+        let model = simulated::Model { seed: connection.seed, ..Default::default() };
+        let mut bench = connection.open(Purpose::Control, model)?;
         let mut targets = Vec::new();
         for target in &self.targets {
             let from = if target.relative { bench.stage.position(target.axis)?.0 } else { 0.0 };

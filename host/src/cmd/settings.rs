@@ -11,8 +11,6 @@ use std::path::PathBuf;
 /// Read and change what the boards know of their axes
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
     #[command(subcommand)]
     what: What,
 }
@@ -62,11 +60,11 @@ impl Arguments {
     ///
     /// # Errors
     /// Names the axis, the key and the allowed range of what was refused.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         let looks = matches!(self.what, What::Get { .. } | What::Export { .. });
         let purpose = if looks { Purpose::Look } else { Purpose::Control };
-        let model = simulated::Model { seed: self.connection.seed, ..Default::default() };
-        let mut bench = self.connection.open(purpose, model)?;
+        let model = simulated::Model { seed: connection.seed, ..Default::default() };
+        let mut bench = connection.open(purpose, model)?;
         let done = carry_out(&mut bench, self.what, out);
         bench.stage.close();
         done

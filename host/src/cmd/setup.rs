@@ -14,8 +14,6 @@ use std::str::FromStr;
 /// The first hour at a rig: find the boards, try every axis, measure its scale, set limits, write rig.toml
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
     /// The file to write
     #[arg(long, default_value = "rig.toml", value_name = "FILE")]
     out: PathBuf,
@@ -35,13 +33,13 @@ impl Arguments {
     ///
     /// # Errors
     /// When a board does not answer, the file exists, or the questions are not answered.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         interrupt::watch();
         if self.out.exists() && !self.force {
             bail!("{} exists: give another --out, or --force to replace it", shown(&self.out));
         }
-        let model = simulated::Model { seed: self.connection.seed, ..Default::default() };
-        let connection = Connection { rig: None, ..self.connection.clone() };
+        let model = simulated::Model { seed: connection.seed, ..Default::default() };
+        let connection = Connection { rig: None, ..connection.clone() };
         let mut bench = connection.open(Purpose::Control, model)?;
         let mut rig = Rig::new();
         let mut people = People { input: std::io::stdin().lock() };

@@ -12,8 +12,6 @@ use std::time::{Duration, Instant};
 /// Offer the simulated rig's boards on pseudo-terminals, in real time
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
     /// One pseudo-terminal a board; their names are printed, and work as --port of any program
     #[arg(long, required = true)]
     pty: bool,
@@ -30,32 +28,32 @@ impl Arguments {
     ///
     /// # Errors
     /// When the system gives no pseudo-terminal.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         interrupt::watch();
-        let mut rig = Rig::new(RigModel::new(self.connection.seed));
-        let mut ports = Vec::new();
+        let mut rig = Rig::new(RigModel::new(connection.seed));
+        let (mut ports, mut names) = (Vec::new(), Vec::new());
         for _ in 0..rig.boards().min(self.boards) {
-            let (mut board, mut program) = TTYPort::pair().context("the system gives no pseudo-terminal")?;
+            let (mut board, far) = TTYPort::pair().context("the system gives no pseudo-terminal")?;
             board.set_timeout(Duration::ZERO)?;
-            // Another program opens the far end; held open here so that it survives a program's going and coming.
-            program.set_exclusive(false)?;
-            ports.push((board, program));
+            names.extend(far.name());
+            // Another program opens the far end and locks it for itself: it must not be open here. While nobody has it
+            // open, reading gives an error, which counts as silence.
+            ports.push(board);
         }
-        let names: Vec<String> = ports.iter().filter_map(|(_, far)| far.name()).collect();
         let text = format!("{}\n(Ctrl-C ends it)", names.join("\n"));
         out.result(&text, &serde_json::json!({ "ports": names }))?;
         std::io::stdout().flush()?;
         let began = Instant::now();
         let mut buffer = [0; 1024];
         while interrupt::keep_on() {
-            for (board, (port, _)) in ports.iter_mut().enumerate() {
+            for (board, port) in ports.iter_mut().enumerate() {
                 if let Ok(n) = port.read(&mut buffer) {
                     rig.send(board, &buffer[..n]);
                 }
             }
             let now = began.elapsed().as_micros() as u64;
             rig.advance(now);
-            for (board, (port, _)) in ports.iter_mut().enumerate() {
+            for (board, port) in ports.iter_mut().enumerate() {
                 loop {
                     let n = rig.receive(board, &mut buffer, 0);
                     // A full terminal: nobody reads, and what is lost is asked for again.

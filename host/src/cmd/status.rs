@@ -10,8 +10,6 @@ use serde::Serialize;
 /// Say where the axes are and what they are doing
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
 }
 
 #[derive(Serialize)]
@@ -42,9 +40,9 @@ impl Arguments {
     ///
     /// # Errors
     /// When a board does not answer.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
-        let model = simulated::Model { seed: self.connection.seed, ..Default::default() };
-        let mut bench = self.connection.open(Purpose::Look, model)?;
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        let model = simulated::Model { seed: connection.seed, ..Default::default() };
+        let mut bench = connection.open(Purpose::Look, model)?;
         let places: Vec<_> = bench.stage.axes().collect();
         let statuses = bench.stage.boards_mut().iter_mut().map(status).collect::<Result<Vec<_>, _>>()?;
         let rows: Vec<Row> = places

@@ -8,8 +8,6 @@ use parfocal_protocol::message::{Request, Stop};
 /// Stop all axes, decelerated; works while another program has control
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    connection: Connection,
     /// Outputs off at once instead; positions stay counted but are flagged
     #[arg(long, conflicts_with = "clear")]
     emergency: bool,
@@ -23,10 +21,10 @@ impl Arguments {
     ///
     /// # Errors
     /// When a board cannot be reached, or the emergency stop is still pressed.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
-        let model = simulated::Model { seed: self.connection.seed, ..Default::default() };
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        let model = simulated::Model { seed: connection.seed, ..Default::default() };
         let purpose = if self.clear { Purpose::Control } else { Purpose::Look };
-        let mut bench = self.connection.open(purpose, model)?;
+        let mut bench = connection.open(purpose, model)?;
         let boards = bench.stage.boards_mut().len();
         if self.clear {
             for link in bench.stage.boards_mut() {

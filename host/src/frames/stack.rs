@@ -115,6 +115,9 @@ impl Stack {
     /// # Errors
     /// [`StackError`], which names the file and the key.
     pub fn open(path: &Path) -> Result<Self, StackError> {
+        if let Err(source) = path.metadata() {
+            return Err(StackError::Read { path: path.into(), source });
+        }
         let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new(".")) };
         let files = if path.is_dir() { planes_of(path)? } else { vec![path.to_path_buf()] };
         let about_path = folder.join("stack.toml");
@@ -292,6 +295,6 @@ mod tests {
         assert!(refusal(&[4], Some("z_step_um = 1.0\nroi_px = [3, 0, 2, 1]")).contains("roi_px"));
         assert!(refusal(&[4], Some("z_step_um = 1.0\n[truth]\nplane = 1")).contains("truth.plane = 1"));
         assert!(refusal(&[4], Some("z_step_um = = 1")).contains("stack.toml"));
-        assert!(Stack::open(Path::new("no/such/folder")).unwrap_err().to_string().contains("stack.toml"));
+        assert!(Stack::open(Path::new("no/such/folder")).unwrap_err().to_string().contains("no/such/folder: cannot be read"));
     }
 }

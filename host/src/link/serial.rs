@@ -30,7 +30,8 @@ impl Serial {
 fn open(path: &str) -> io::Result<Box<dyn SerialPort>> {
     let mut port = serialport::new(path, BAUD).timeout(Duration::from_millis(5)).open_native().map_err(|e| {
         let text = match e.kind() {
-            ErrorKind::NoDevice if e.description.to_lowercase().contains("busy") => {
+            // The port is there, but another program has locked it.
+            ErrorKind::NoDevice if std::path::Path::new(path).exists() => {
                 format!("{path} is in use: close the other program that talks to this board")
             }
             ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => {
