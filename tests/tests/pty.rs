@@ -36,22 +36,11 @@ impl Drop for Simulated {
     }
 }
 
-/// A bumpy focus curve on −60 … 60 µm.
-fn curve() -> tempfile::NamedTempFile {
-    let mut file = tempfile::NamedTempFile::with_suffix(".csv").unwrap();
-    writeln!(file, "z_um,phi").unwrap();
-    for i in 0..=240 {
-        let z = -60.0 + 0.5 * f64::from(i);
-        let phi = 0.3 + 1.0 / (1.0 + ((z - 13.0) / 18.0f64).powi(2)) + 0.1 * (-(z - 17.0f64).powi(2)).exp();
-        writeln!(file, "{z},{phi}").unwrap();
-    }
-    file
-}
-
 #[test]
 fn a_scan_through_a_serial_port_visits_the_same_places_as_in_the_simulator() {
-    let file = curve();
-    let camera = format!("curve:{}", file.path().display());
+    // The emulated board visits the same places of the same curve: emulator/src/scenarios/focus.rs.
+    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("golden");
+    let camera = format!("curve:{}", golden.join("curve.csv").display());
     let (code, simulated) = parfocal_json(&["autofocus", "--camera", &camera]);
     assert_eq!(code, 0, "{simulated}");
     let board = Simulated::start();
@@ -60,6 +49,14 @@ fn a_scan_through_a_serial_port_visits_the_same_places_as_in_the_simulator() {
     for key in ["outcome", "z_um", "start_um", "travel_um", "frames", "samples"] {
         assert_eq!(simulated[key], real[key], "{key}");
     }
+    let nm = |sample: &Value| (sample["z_um"].as_f64().unwrap() * 1000.0).round() as i64;
+    let visited: Vec<i64> = real["samples"].as_array().unwrap().iter().map(nm).collect();
+    let file = golden.join("scan.json");
+    if std::env::var_os("REGENERATE").is_some() {
+        std::fs::write(&file, serde_json::to_string(&visited).unwrap()).unwrap();
+    }
+    let expected: Vec<i64> = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+    assert_eq!(visited, expected, "places changed: REGENERATE=1 writes the new ones, and the emulator must agree");
 }
 
 #[test]

@@ -24,7 +24,7 @@ pub fn csv(samples: &[Sample]) -> String {
     })
 }
 
-/// Draws Φ over z, the samples as dots joined in the order taken, the result as a line.
+/// Draws Φ over z, the samples as dots joined along z, the result as a line.
 ///
 /// # Errors
 /// [`PlotError`] when the file cannot be written.
@@ -66,7 +66,9 @@ fn draw(path: &Path, scanned: &Scanned, measure: &str) -> Result<(), Box<dyn std
         .y_label_formatter(&|v| format!("{v:.3e}"))
         .draw()?;
     let blue = RGBColor(31, 98, 173);
-    chart.draw_series(LineSeries::new(samples.iter().map(|s| (s.z.0, s.phi.0)), blue.mix(0.5)))?;
+    let mut curve: Vec<(f64, f64)> = samples.iter().map(|s| (s.z.0, s.phi.0)).collect();
+    curve.sort_by(|a, b| a.0.total_cmp(&b.0));
+    chart.draw_series(LineSeries::new(curve, blue.mix(0.5)))?;
     chart.draw_series(samples.iter().map(|s| Circle::new((s.z.0, s.phi.0), 2, blue.filled())))?;
     if report.outcome == Outcome::Focused {
         let best = report.best.micrometres().0;

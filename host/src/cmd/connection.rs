@@ -44,8 +44,6 @@ pub enum Purpose {
 pub struct Bench {
     /// Its axes.
     pub stage: Stage,
-    /// Its file, if one was given.
-    pub rig: Option<Rig>,
     /// The simulated rig, if this is it.
     pub simulated: Option<simulated::Handle>,
 }
@@ -78,7 +76,7 @@ impl Connection {
                 .map(|t| Link::open(Box::new(t), session, role, LinkOptions::default()))
                 .collect::<Result<Vec<_>, _>>()?;
             let stage = Stage::new(links, simulated::axes());
-            return Ok(Bench { stage, rig, simulated: Some(handle) });
+            return Ok(Bench { stage, simulated: Some(handle) });
         }
         let mut links: Vec<Link> = Vec::new();
         for port in self.ports(rig.as_ref())? {
@@ -96,7 +94,7 @@ impl Connection {
             }
         }
         let axes = places(rig.as_ref(), &links)?;
-        Ok(Bench { stage: Stage::new(links, axes), rig, simulated: None })
+        Ok(Bench { stage: Stage::new(links, axes), simulated: None })
     }
 
     fn ports(&self, rig: Option<&Rig>) -> anyhow::Result<Vec<String>> {

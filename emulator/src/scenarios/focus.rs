@@ -1,0 +1,131 @@
+//! A scan for focus: the board decides every move. It visits the places that the simulator and a serial port give
+//! (`tests/golden/scan.json`, which `tests/tests/pty.rs` holds them to).
+
+use super::{axis_settings, connect};
+use crate::figures::Figures;
+use crate::talk::Link;
+use anyhow::{Context, bail, ensure};
+use parfocal_protocol::autofocus::{
+    FocusSample, Mode, Outcome, SampleWanted, ScanId, ScanParameters, ScanState, Strategy, Subject,
+};
+use parfocal_protocol::message::{Event, Request, Response};
+use parfocal_protocol::settings::AxisSettings;
+use parfocal_protocol::units::{
+    Axis, FocusValue, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds, Nanometres,
+    StepsPerMicrometre,
+};
+use std::path::Path;
+use std::time::Duration;
+
+const CURVE: &str = include_str!("../../../tests/golden/curve.csv");
+const SCAN: &str = include_str!("../../../tests/golden/scan.json");
+
+/// The axis that focuses.
+const Z: Axis = Axis(2);
+
+/// A scan over USB.
+///
+/// # Errors
+/// When it visits other places, or does not end in focus.
+pub fn over_usb(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    scan(elf, Link::Usb)
+}
+
+/// The same over USART3.
+///
+/// # Errors
+/// As [`over_usb`].
+pub fn over_serial(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    scan(elf, Link::Serial)
+}
+
+fn scan(elf: &Path, link: Link) -> anyhow::Result<String> {
+    let points = curve()?;
+    let (mut board, mut talk) = connect(elf, link)?;
+    // The virtual microscope's focus (simulator/src/model.rs), with the curve's extent for its limits.
+    let settings = AxisSettings {
+        steps_per_um: StepsPerMicrometre(100.0),
+        speed: MicrometresPerSecond(1000.0),
+        acceleration: MicrometresPerSecond2(20_000.0),
+        jerk: MicrometresPerSecond3(2_000_000.0),
+        low: Nanometres(-60_000),
+        high: Nanometres(60_000),
+        settling: Milliseconds(15),
+        ..AxisSettings::default()
+    };
+    axis_settings(&mut board, &mut talk, 2, settings)?;
+    let parameters = ScanParameters {
+        scan: ScanId(1),
+        axis: Z,
+        strategy: Strategy::Climb,
+        mode: Mode::Step,
+        subject: Subject::Peak,
+        low: settings.low,
+        high: settings.high,
+        sample_step: Nanometres(500),
+        trap: Nanometres(10_000),
+        probe: Nanometres(5_000),
+        speed: MicrometresPerSecond(0.0),
+        sample_timeout: Milliseconds(2000),
+        verify: false,
+    };
+    let mut state = scan_state(talk.ask(&mut board, Request::AutofocusStart(parameters))?)?;
+    let (mut visited, mut answered, mut slowest) = (Vec::new(), None, Duration::ZERO);
+    let report = loop {
+        match state {
+            ScanState::Ended(report) => break report,
+            ScanState::Waiting(SampleWanted { scan, index, z, .. }) if answered != Some(index) => {
+                answered = Some(index);
+                visited.push(z.0);
+                let value = Ok(FocusValue(between(&points, z.micrometres().0)));
+                let asked = board.now();
+                let sample = FocusSample { scan, index, value };
+                state = scan_state(talk.ask(&mut board, Request::AutofocusSample(sample))?)?;
+                slowest = slowest.max(board.now() - asked);
+            }
+            _ => {
+                state = talk.until(&mut board, Duration::from_secs(2), |event| match event {
+                    Event::SampleWanted(wanted) => Some(ScanState::Waiting(*wanted)),
+                    Event::ScanEnded(report) => Some(ScanState::Ended(*report)),
+                    _ => None,
+                })?;
+            }
+        }
+    };
+    board.stop()?.clean()?;
+    ensure!(report.outcome == Outcome::Focused, "the scan ended with {:?}", report.outcome);
+    let expected: Vec<i32> = serde_json::from_str(SCAN)?;
+    ensure!(visited == expected, "the board visited {visited:?}, the simulator {expected:?} nm");
+    Ok(format!(
+        "{} samples, focus at {} µm, an answer took {:.2} ms at most",
+        visited.len(),
+        report.end.micrometres().0,
+        slowest.as_secs_f64() * 1e3
+    ))
+}
+
+fn scan_state(response: Response) -> anyhow::Result<ScanState> {
+    match response {
+        Response::Scan(state) => Ok(state),
+        other => bail!("a scan was answered with {other:?}"),
+    }
+}
+
+/// The points of the curve: z in µm, Φ.
+fn curve() -> anyhow::Result<Vec<(f64, f64)>> {
+    CURVE
+        .lines()
+        .skip(1)
+        .map(|line| {
+            let (z, phi) = line.split_once(',').with_context(|| format!("'{line}' is no point"))?;
+            Ok((z.parse()?, phi.parse()?))
+        })
+        .collect()
+}
+
+/// As the host interpolates: see host/src/frames/curve.rs.
+fn between(points: &[(f64, f64)], z: f64) -> f64 {
+    let above = points.partition_point(|p| p.0 <= z).max(1);
+    let (z0, phi0) = points[above - 1];
+    points.get(above).map_or(phi0, |(z1, phi1)| phi0 + (phi1 - phi0) * (z - z0) / (z1 - z0))
+}
