@@ -156,9 +156,8 @@ fn bus() -> Bus {
 fn timers(mut builder: Builder) -> Builder {
     for timer in ["TIM1", "TIM2", "TIM3", "TIM4", "TIM5", "TIM8"] {
         let clock = if matches!(timer, "TIM1" | "TIM8") { rcc::APB2_TIMERS } else { rcc::APB1_TIMERS };
-        builder = builder
-            .write_modify(timer, "SR", WriteModify::ZeroToClear)
-            .clocked_by(timer, Clock::output("RCC", clock));
+        builder =
+            builder.write_modify(timer, "SR", WriteModify::ZeroToClear).clocked_by(timer, Clock::output("RCC", clock));
     }
     builder
 }

@@ -18,12 +18,8 @@ const USAGE: &str = "usage: parfocal-emulator ELF [--json] [--flash-bytes N] [--
 
 fn arguments() -> Option<Arguments> {
     let mut words = std::env::args().skip(1);
-    let mut found = Arguments {
-        elf: words.next()?.into(),
-        json: false,
-        figures: Figures::default(),
-        scenarios: Vec::new(),
-    };
+    let mut found =
+        Arguments { elf: words.next()?.into(), json: false, figures: Figures::default(), scenarios: Vec::new() };
     while let Some(word) = words.next() {
         match word.as_str() {
             "--json" => found.json = true,

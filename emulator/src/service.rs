@@ -67,7 +67,11 @@ pub fn services(board_entry: u64, hits: &[Hit]) -> anyhow::Result<Vec<Service>> 
         } else if let Some(begin) = open.take() {
             // The first write after the entry is the interrupt's own: nothing interrupts it.
             let since = found.last().map_or(0, |before: &Service| begin.nanos - before.nanos);
-            found.push(Service { nanos: begin.nanos, instructions: hit.instructions - begin.instructions + TAIL, since });
+            found.push(Service {
+                nanos: begin.nanos,
+                instructions: hit.instructions - begin.instructions + TAIL,
+                since,
+            });
         }
     }
     ensure!(!found.is_empty(), "the step interrupt was never seen");

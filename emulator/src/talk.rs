@@ -39,7 +39,14 @@ pub struct Talk {
 impl Talk {
     /// A session with a number of its own.
     pub fn new(link: Link, session: u32) -> Self {
-        Self { link, session: Session(session), sequence: 0, decoder: Decoder::new(), events: VecDeque::new(), damaged: 0 }
+        Self {
+            link,
+            session: Session(session),
+            sequence: 0,
+            decoder: Decoder::new(),
+            events: VecDeque::new(),
+            damaged: 0,
+        }
     }
 
     /// Says hello, asking for control.

@@ -17,8 +17,9 @@ const ENDPOINTS: usize = 4;
 
 /// Registers that are not an endpoint's, by offset (table 206).
 const COMMON: [u32; 33] = [
-    0x000, 0x004, 0x008, 0x00c, 0x010, 0x014, 0x018, 0x01c, 0x020, 0x024, 0x028, 0x02c, 0x038, 0x03c, 0x040, 0x044, 0x048,
-    0x04c, 0x050, 0x054, 0x100, 0x104, 0x108, 0x10c, 0x800, 0x804, 0x808, 0x810, 0x814, 0x818, 0x81c, 0x834, 0xe00,
+    0x000, 0x004, 0x008, 0x00c, 0x010, 0x014, 0x018, 0x01c, 0x020, 0x024, 0x028, 0x02c, 0x038, 0x03c, 0x040, 0x044,
+    0x048, 0x04c, 0x050, 0x054, 0x100, 0x104, 0x108, 0x10c, 0x800, 0x804, 0x808, 0x810, 0x814, 0x818, 0x81c, 0x834,
+    0xe00,
 ];
 /// An endpoint's: DIEPCTL, DIEPINT, DIEPTSIZ, DTXFSTS, DOEPCTL, DOEPINT, DOEPTSIZ, and its FIFO.
 const OF_ENDPOINT: usize = 8;
@@ -152,9 +153,7 @@ impl Half {
     fn write(&mut self, value: u32, number: usize) {
         let commands = CLEAR_NAK | SET_NAK | DISABLE | ENABLE | NAKS;
         let mut new = value & !commands | self.control & (ENABLE | NAKS);
-        for (bit, set, clear) in
-            [(CLEAR_NAK, 0, NAKS), (SET_NAK, NAKS, 0), (ENABLE, ENABLE, 0), (DISABLE, 0, ENABLE)]
-        {
+        for (bit, set, clear) in [(CLEAR_NAK, 0, NAKS), (SET_NAK, NAKS, 0), (ENABLE, ENABLE, 0), (DISABLE, 0, ENABLE)] {
             if value & bit != 0 {
                 new = new & !clear | set;
             }

@@ -113,7 +113,7 @@ impl Rig {
         let (left, top) = (x.round() - f64::from(side) / 2.0, y.round() - f64::from(side) / 2.0);
         let fits = |from: f64, size: usize| from >= 0.0 && from + f64::from(side) <= size as f64;
         let side = side as usize;
-        (fits(left, view.width) && fits(top, view.height)).then(|| Region {
+        (fits(left, view.width) && fits(top, view.height)).then_some(Region {
             x: left as usize,
             y: top as usize,
             width: side,

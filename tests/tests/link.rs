@@ -196,7 +196,11 @@ fn a_cable_that_stays_away_is_an_error_that_says_so_and_the_board_stops_by_itsel
     };
     assert_eq!(again.hello().last_stop, Some(parfocal_protocol::message::StopCause::HostLost));
     let Response::Status(status) = again.request(Request::Status).unwrap() else { panic!("a status") };
-    assert!(status.in_position && status.axes[0].position > Nanometres(0) && status.axes[0].position < Nanometres(8_000_000));
+    assert!(
+        status.in_position
+            && status.axes[0].position > Nanometres(0)
+            && status.axes[0].position < Nanometres(8_000_000)
+    );
 }
 
 #[test]

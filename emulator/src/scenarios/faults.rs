@@ -49,11 +49,10 @@ pub fn stop(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
         let status = rest(&mut board, &mut talk, ms(10))?;
         let trace = board.world.axes[0].lock().expect("turns");
         let rises: Vec<u64> = trace.rises().collect();
-        let cruise = rises.windows(2).filter(|w| w[1] <= asked).map(|w| w[1] - w[0]).min().context("it did not move")?;
-        let slower = rises
-            .windows(2)
-            .find(|w| w[0] > asked && w[1] - w[0] > cruise + 1)
-            .context("it did not slow down")?;
+        let cruise =
+            rises.windows(2).filter(|w| w[1] <= asked).map(|w| w[1] - w[0]).min().context("it did not move")?;
+        let slower =
+            rises.windows(2).find(|w| w[0] > asked && w[1] - w[0] > cruise + 1).context("it did not slow down")?;
         let latency = (slower[0] - asked) as f64 / 84_000.0;
         worst = worst.max(latency);
         let last = rises.windows(2).last().map_or(0, |w| w[1] - w[0]);
@@ -151,7 +150,10 @@ pub fn watchdog(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     let report = board.stop()?;
     ensure!(report.resets == 1, "it was reset {} times", report.resets);
     report.clean()?;
-    Ok(format!("last edge {:.0} ms after the silence began; restarted, told, settings kept", bitten.as_secs_f64() * 1e3))
+    Ok(format!(
+        "last edge {:.0} ms after the silence began; restarted, told, settings kept",
+        bitten.as_secs_f64() * 1e3
+    ))
 }
 
 /// The emergency-stop input pressed in mid-move: no step from then on, position counted and flagged.

@@ -29,9 +29,21 @@ pub struct Scenario {
 /// All scenarios.
 pub const ALL: &[Scenario] = &[
     Scenario { name: "serial", shows: "the board answers over USART3", play: hello::over_serial },
-    Scenario { name: "usb", shows: "a computer enumerates the board and talks to its serial port", play: hello::over_usb },
-    Scenario { name: "edges", shows: "every edge on its planned tick; distance, count and position are one", play: motion::edges },
-    Scenario { name: "scan", shows: "a scan over USB visits the same places as in the simulator", play: focus::over_usb },
+    Scenario {
+        name: "usb",
+        shows: "a computer enumerates the board and talks to its serial port",
+        play: hello::over_usb,
+    },
+    Scenario {
+        name: "edges",
+        shows: "every edge on its planned tick; distance, count and position are one",
+        play: motion::edges,
+    },
+    Scenario {
+        name: "scan",
+        shows: "a scan over USB visits the same places as in the simulator",
+        play: focus::over_usb,
+    },
     Scenario { name: "scan-serial", shows: "the same scan over USART3", play: focus::over_serial },
     Scenario { name: "stop", shows: "a stop in mid-move is soon, decelerated and exact", play: faults::stop },
     Scenario { name: "stall", shows: "a core that is busy for 2 ms costs no step", play: faults::stall },

@@ -41,7 +41,11 @@ pub fn edges(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     }
     let mut planned = Planned::new(&settings).map_err(|r| anyhow!("refused on a PC: {r:?}"))?;
     let (mut jitter, mut profile, mut steps) = (0, 0.0f64, 0);
-    let moves = [([um(150), None, None, None], None), ([um(-60), None, None, None], Some(MicrometresPerSecond(300.0))), ([um(20), um(-35), um(90), um(55)], None)];
+    let moves = [
+        ([um(150), None, None, None], None),
+        ([um(-60), None, None, None], Some(MicrometresPerSecond(300.0))),
+        ([um(20), um(-35), um(90), um(55)], None),
+    ];
     for (to, speed) in moves {
         let plan = planned.move_to(&to, speed).map_err(|r| anyhow!("refused on a PC: {r:?}"))?;
         for axis in &board.world.axes {
@@ -103,14 +107,13 @@ fn off_exact(trace: &Trace, settings: &AxisSettings, speed: Option<MicrometresPe
     // Durations in whole ticks, from the limits; everything else of the path follows from them exactly.
     let jerk = (limits.a / limits.j).ceil().max(1.0);
     let hold = (limits.v / limits.a - limits.a / limits.j).ceil().max(0.0);
-    let cruise = ((length - limits.v * (2.0 * limits.a / limits.j + (limits.v / limits.a - limits.a / limits.j))) / limits.v).ceil();
+    let cruise = ((length - limits.v * (2.0 * limits.a / limits.j + (limits.v / limits.a - limits.a / limits.j)))
+        / limits.v)
+        .ceil();
     ensure!(cruise > 0.0, "the move is too short to cruise: choose another one to compare");
     let exact = Exact { length: rises.len() as u32, ticks: [jerk as u64, hold as u64, cruise as u64] };
-    let off: Vec<i64> = rises
-        .iter()
-        .zip(1..)
-        .map(|(tick, step)| (tick * FINE) as i64 - exact.edge(step) as i64)
-        .collect();
+    let off: Vec<i64> =
+        rises.iter().zip(1..).map(|(tick, step)| (tick * FINE) as i64 - exact.edge(step) as i64).collect();
     // The path began on a whole tick.
     let (low, high) = (off.iter().min().copied().unwrap_or(0), off.iter().max().copied().unwrap_or(0));
     let begin = (low + high) / 2 / FINE as i64;

@@ -13,7 +13,9 @@ use anyhow::ensure;
 use parfocal_firmware::motion::limits::RECORDS_PER_SECOND;
 use parfocal_protocol::message::Request;
 use parfocal_protocol::settings::{AxisSettings, Driver, Edges};
-use parfocal_protocol::units::{MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Nanometres, StepsPerMicrometre};
+use parfocal_protocol::units::{
+    MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Nanometres, StepsPerMicrometre,
+};
 use std::path::Path;
 use std::time::Duration;
 

@@ -8,8 +8,7 @@ use serde::Serialize;
 
 /// Say who the boards are: firmware, unique id, why they last started
 #[derive(Debug, clap::Args)]
-pub struct Arguments {
-}
+pub struct Arguments {}
 
 #[derive(Serialize)]
 struct Row {

@@ -9,8 +9,7 @@ use serde::Serialize;
 
 /// Say where the axes are and what they are doing
 #[derive(Debug, clap::Args)]
-pub struct Arguments {
-}
+pub struct Arguments {}
 
 #[derive(Serialize)]
 struct Row {

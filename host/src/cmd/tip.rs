@@ -107,8 +107,8 @@ impl Detect {
         if let (Some(folder), Some(fps), Some(hz)) = (&self.burst, self.fps, self.vibration_hz) {
             let frames = frames_of(folder)?;
             let views: Vec<View<'_>> = frames.iter().map(Picture::view).collect();
-            let tip = motion::detect_vibrating(&views, fps, hz, &expect)
-                .with_context(|| folder.display().to_string())?;
+            let tip =
+                motion::detect_vibrating(&views, fps, hz, &expect).with_context(|| folder.display().to_string())?;
             self.draw(&frames[0], tip)?;
             images.push(Found::new(folder, tip));
         }

@@ -150,7 +150,7 @@ mod tests {
         let glare = |x: usize, y: usize| if x > 120 && y % 8 < 3 { 4_095.0 } else { 1_000.0 + patch(x, y) };
         let roi = sharpest_tile(noisy(1, |_| 0.0, glare).view(), 32).unwrap();
         assert!(roi.x < 96, "{roi}");
-        let all_cut = |x: usize, y: usize| if (x / 8 + y / 8) % 2 == 0 { 4_095.0 } else { 0.0 };
+        let all_cut = |x: usize, y: usize| if (x / 8 + y / 8).is_multiple_of(2) { 4_095.0 } else { 0.0 };
         assert_eq!(sharpest_tile(noisy(1, |_| 0.0, all_cut).view(), 32), None);
     }
 

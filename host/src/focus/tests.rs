@@ -141,7 +141,7 @@ fn a_single_pixel_is_measured_or_refused_with_the_size_it_takes() {
 fn the_largest_contrast_overflows_nothing() {
     // Black and white stripes and checks of full scale, wide enough for many batches of vectors.
     for (w, h) in [(4_500, 24), (70_000, 3)] {
-        for pattern in [|x: usize, _: usize| x % 4 < 2, |x: usize, y: usize| (x + y) % 2 == 0, |_, _| true] {
+        for pattern in [|x: usize, _: usize| x % 4 < 2, |x: usize, y: usize| (x + y).is_multiple_of(2), |_, _| true] {
             let lit = |i: usize| pattern(i % w, i / w);
             let bytes = (0..w * h).map(|i| if lit(i) { 255 } else { 0 }).collect();
             let words = (0..w * h).map(|i| if lit(i) { 65_535 } else { 0 }).collect();

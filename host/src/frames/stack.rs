@@ -295,6 +295,11 @@ mod tests {
         assert!(refusal(&[4], Some("z_step_um = 1.0\nroi_px = [3, 0, 2, 1]")).contains("roi_px"));
         assert!(refusal(&[4], Some("z_step_um = 1.0\n[truth]\nplane = 1")).contains("truth.plane = 1"));
         assert!(refusal(&[4], Some("z_step_um = = 1")).contains("stack.toml"));
-        assert!(Stack::open(Path::new("no/such/folder")).unwrap_err().to_string().contains("no/such/folder: cannot be read"));
+        assert!(
+            Stack::open(Path::new("no/such/folder"))
+                .unwrap_err()
+                .to_string()
+                .contains("no/such/folder: cannot be read")
+        );
     }
 }

@@ -1,8 +1,7 @@
 //! Changes of one thing that leave the rest alone: a board, an objective's height, one κ, one pipette's tip.
 
 use super::contents::{
-    Axis, Board, CameraCalibration, Contents, Manipulator, Moves, Objective, Pipette, Registration, TipOffset, Um3,
-    Zoom,
+    Axis, Board, CameraCalibration, Contents, Moves, Objective, Pipette, Registration, TipOffset, Um3, Zoom,
 };
 use super::names::{AxisName, BoardId, ManipulatorNumber};
 use super::{Rig, RigError};
@@ -134,7 +133,7 @@ impl Rig {
                 known: known(),
             });
         }
-        let history = &mut self.contents.manipulators.entry(number).or_insert_with(Manipulator::default).tip_offsets;
+        let history = &mut self.contents.manipulators.entry(number).or_default().tip_offsets;
         let warning = unlike(history, &offset.offset_um).map(|(distance_um, usual_um)| TipOffsetWarning {
             manipulator: number,
             distance_um,

@@ -21,24 +21,19 @@ pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
     let level = levels.iter().rev().find(|l| l.step as f64 <= unit).unwrap_or(&levels[0]);
     let floor = noise / level.step as f64;
     let step = unit.max(level.step as f64);
+    // The squared gradient, less that of noise, at `s` along the shank and `t` aside.
+    let detail = |s: f64, t: f64| -> Option<f64> {
+        let at = |s: f64, t: f64| level.between(cone.x - s * cos - t * sin, cone.y - s * sin + t * cos);
+        let along = at(s + step, t)? - at(s - step, t)?;
+        let across = at(s, t + step)? - at(s, t - step)?;
+        Some(along * along + across * across - 4.0 * floor * floor)
+    };
     let energy = |s: f64| -> Option<f64> {
         let half = opening + widening * s.max(0.0) + 2.0 * step;
         let n = (half / step).ceil() as i32;
-        let (mut sum, mut count) = (0.0, 0.0);
-        for i in -n..=n {
-            let t = f64::from(i) * step;
-            let at = |ds: f64, dt: f64| {
-                let (s, t) = (s + ds, t + dt);
-                level.between(cone.x - s * cos - t * sin, cone.y - s * sin + t * cos)
-            };
-            let (Some(a), Some(b), Some(c), Some(d)) = (at(step, 0.0), at(-step, 0.0), at(0.0, step), at(0.0, -step))
-            else {
-                continue;
-            };
-            sum += ((a - b).powi(2) + (c - d).powi(2)) - 4.0 * floor * floor;
-            count += 1.0;
-        }
-        (count >= f64::from(n)).then(|| (sum / count).max(0.0).sqrt())
+        let held: Vec<f64> = (-n..=n).filter_map(|i| detail(s, f64::from(i) * step)).collect();
+        let mean = held.iter().sum::<f64>() / (held.len().max(1) as f64);
+        (held.len() >= n as usize).then(|| mean.max(0.0).sqrt())
     };
     // From well on the shank outwards.
     let back = (8.0 * opening).clamp(12.0, 60.0);
@@ -59,8 +54,8 @@ pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
     let near: Vec<f64> = profile.iter().filter(|p| p.0 > first && p.0 < first + 2.5 * width).map(|p| p.1).collect();
     let plateau = near.iter().sum::<f64>() / (near.len().max(1) as f64);
     // The rim's centre lies behind the outer edge of its halo.
-    let beyond = -(fall(&profile, 0.5 * plateau, opening)? + 0.4 * width);
-    Some(End { beyond, clarity })
+    let tip = fall(&profile, 0.5 * plateau, opening)? + 0.4 * width;
+    Some(End { beyond: -tip, clarity })
 }
 
 /// The place where a profile falls below a limit and stays there for `quiet` px.

@@ -93,7 +93,16 @@ pub fn fine(levels: &[Level], noise: f64, found: &[Hypothesis]) -> Vec<Hypothesi
         .filter_map(|h| {
             let patch = Patch::cut(level, h.fit.cone.x, h.fit.cone.y, 64.0);
             let plain = fit::fit(&patch, h.fit.cone, &prior, variance, Halo::Without, 12)?;
-            let fit = fit::fit(&patch, plain.cone, &prior, variance, Halo::With, 12)?;
+            let mut fit = fit::fit(&patch, plain.cone, &prior, variance, Halo::With, 12)?;
+            let opening = fit.cone.ln_opening.exp();
+            if opening > 1.5 * OPENING_PX {
+                // A large pipette is looked at as a whole.
+                let (level, radius) = if opening > 3.0 * OPENING_PX { (levels.get(2)?, 160.0) } else { (level, 100.0) };
+                let patch = Patch::cut(level, fit.cone.x, fit.cone.y, radius);
+                let variance = (noise / level.step as f64).powi(2);
+                fit = fit::fit(&patch, fit.cone, &prior, variance, Halo::With, 12)?;
+                return Some(Hypothesis::new(levels, noise, patch.mass, fit));
+            }
             Some(Hypothesis::new(levels, noise, patch.mass, fit))
         })
         .collect();
@@ -108,7 +117,7 @@ pub fn shank_angle(levels: &[Level], cone: &Cone, noise: f64) -> Option<f64> {
     let back = (12.0 * cone.ln_opening.exp()).clamp(40.0, 180.0);
     let (sin, cos) = cone.angle.sin_cos();
     let patch = Patch::cut(level, cone.x - back * cos, cone.y - back * sin, 1.3 * back);
-    let fit = fit::fit(&patch, *cone, &prior(OPENING_PX), variance, Halo::With, 10)?;
+    let fit = fit::fit(&patch, *cone, &prior(OPENING_PX), variance, Halo::Without, 10)?;
     let turn = (fit.cone.angle - cone.angle).abs();
     (turn < 0.15).then_some(fit.cone.angle)
 }

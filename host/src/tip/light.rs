@@ -70,11 +70,6 @@ impl Light {
             }
         }
     }
-
-    /// Grey value in the middle of the picture.
-    pub fn middle(&self) -> f64 {
-        self.terms[0]
-    }
 }
 
 /// A pixel's noise, as a standard deviation: from the differences that neighbours' slopes do not explain, seen at half the
@@ -87,7 +82,8 @@ pub fn noise(half: &Level) -> f64 {
     let every = (half.height / 120).max(1);
     let mut seen = Vec::new();
     for y in (1..half.height - 1).step_by(every) {
-        let (a, b, c) = (&half.values[(y - 1) * w..y * w], &half.values[y * w..][..w], &half.values[(y + 1) * w..][..w]);
+        let (a, b, c) =
+            (&half.values[(y - 1) * w..y * w], &half.values[y * w..][..w], &half.values[(y + 1) * w..][..w]);
         seen.extend((1..w - 1).map(|x| {
             let corners = a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1];
             let sides = a[x] + c[x] + b[x - 1] + b[x + 1];

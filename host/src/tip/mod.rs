@@ -98,12 +98,13 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
     let cone = &best.fit.cone;
     let end = end::end(levels, cone, noise).filter(|end| end.clarity > CLEAR);
     let beyond = end.map_or(0.0, |end| end.beyond);
+    let (sin, cos) = cone.angle.sin_cos();
     let log_odds = best.log_odds(&FINE) + if end.is_some() { 5.5 } else { 0.0 };
     let angle = end.and_then(|_| hypothesis::shank_angle(levels, cone, noise)).unwrap_or(cone.angle);
     let degrees = angle.to_degrees().rem_euclid(360.0);
     Tip {
-        x_px: cone.x + beyond * cone.angle.cos(),
-        y_px: cone.y + beyond * cone.angle.sin(),
+        x_px: cone.x + beyond * cos,
+        y_px: cone.y + beyond * sin,
         angle_deg: if degrees > 180.0 { degrees - 360.0 } else { degrees },
         confidence: 1.0 / (1.0 + (-log_odds).exp()),
     }

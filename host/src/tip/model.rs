@@ -39,13 +39,9 @@ impl Cone {
         [self.x, self.y, self.angle, self.ln_opening, self.ln_widening, self.blur, self.ln_slope]
     }
 
+    #[cfg(test)]
     pub fn from_array([x, y, angle, ln_opening, ln_widening, blur, ln_slope]: [f64; PLACES]) -> Self {
         Self { x, y, angle, ln_opening, ln_widening, blur, ln_slope }
-    }
-
-    /// The scale of what is seen at the tip: opening and blur together, px.
-    pub fn grain(&self) -> f64 {
-        self.ln_opening.exp().hypot(self.blur).hypot(SHARPEST_PX)
     }
 }
 

@@ -34,7 +34,9 @@ pub enum MotionError {
         fps: f64,
     },
     /// Frames differ in size.
-    #[error("frame {index} is {width}x{height}, the first is {first_width}x{first_height}: a burst's frames must be alike")]
+    #[error(
+        "frame {index} is {width}x{height}, the first is {first_width}x{first_height}: a burst's frames must be alike"
+    )]
     Shape {
         /// Number of the frame, from 0.
         index: usize,

@@ -28,7 +28,8 @@ impl Level {
             })
         };
         let ((i, u), (j, v)) = (place(x, self.width)?, place(y, self.height)?);
-        let at = |i: usize, j: usize| f64::from(self.values[j.min(self.height - 1) * self.width + i.min(self.width - 1)]);
+        let at =
+            |i: usize, j: usize| f64::from(self.values[j.min(self.height - 1) * self.width + i.min(self.width - 1)]);
         let row = |j: usize| at(i, j) + u * (at(i + 1, j) - at(i, j));
         Some(row(j) + v * (row(j + 1) - row(j)))
     }
@@ -58,25 +59,13 @@ fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height:
     for y in 0..h {
         let top = &values[2 * y * stride..][..2 * w];
         let bottom = &values[(2 * y + 1) * stride..][..2 * w];
-        out.extend(top.chunks_exact(2).zip(bottom.chunks_exact(2)).map(|(a, b)| {
-            0.25 * (a[0].into() + a[1].into() + b[0].into() + b[1].into())
-        }));
+        out.extend(
+            top.chunks_exact(2)
+                .zip(bottom.chunks_exact(2))
+                .map(|(a, b)| 0.25 * (a[0].into() + a[1].into() + b[0].into() + b[1].into())),
+        );
     }
     Level { width: w, height: h, step: 2 * step, values: out }
-}
-
-/// The picture itself.
-pub fn whole(view: &View<'_>) -> Level {
-    let (width, height) = (view.width(), view.height());
-    let mut values = Vec::with_capacity(width * height);
-    for y in 0..height {
-        let from = y * view.stride();
-        match view.pixels() {
-            Pixels::Grey8(p) => values.extend(p[from..from + width].iter().map(|v| f32::from(*v))),
-            Pixels::Grey16(p) => values.extend(p[from..from + width].iter().map(|v| f32::from(*v))),
-        }
-    }
-    Level { width, height, step: 1, values }
 }
 
 /// Half, quarter, eighth and sixteenth of the picture, as far as they have pixels.

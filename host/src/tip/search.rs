@@ -14,8 +14,6 @@ pub struct Candidate {
     pub y: f64,
     /// Direction in which the tip points, rad.
     pub angle: f64,
-    /// How clearly the rings agree; about 1 a ring for noise.
-    pub score: f64,
 }
 
 const DIRECTIONS: usize = 24;
@@ -47,28 +45,34 @@ pub fn candidates(levels: &[Level], noise: f64, count: usize, allowed: impl Fn(f
         .collect();
     let Some(finest) = levels.first() else { return Vec::new() };
     let (width, height) = (finest.width * finest.step, finest.height * finest.step);
-    let spacing = if width * height > 1_000_000 { 8 } else if width * height > 60_000 { 4 } else { 2 };
+    let spacing = if width * height > 1_000_000 {
+        8
+    } else if width * height > 60_000 {
+        4
+    } else {
+        2
+    };
     // Tip direction is opposite to the shank's.
     let open: [bool; DIRECTIONS] =
         std::array::from_fn(|j| allowed(TAU * j as f64 / DIRECTIONS as f64 + std::f64::consts::PI));
     let mut found = Vec::new();
     for y in (spacing / 2..height).step_by(spacing) {
         for x in (spacing / 2..width).step_by(spacing) {
-            if let Some((score, j)) = best_direction(&rings, x as i32, y as i32, &open) {
-                if score > 1.0 {
-                    found.push((score, x, y, j));
-                }
+            if let Some((score, j)) = best_direction(&rings, x as i32, y as i32, &open)
+                && score > 1.0
+            {
+                found.push((score, x, y, j));
             }
         }
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut kept: Vec<Candidate> = Vec::new();
-    for (score, x, y, j) in found {
+    for (_, x, y, j) in found {
         let (x, y) = (x as f64, y as f64);
         let angle = TAU * j / DIRECTIONS as f64 + std::f64::consts::PI;
         let near = |c: &Candidate| (c.x - x).hypot(c.y - y) < 24.0 && (c.angle - angle).cos() > 0.5;
         if !kept.iter().any(near) {
-            kept.push(Candidate { x, y, angle, score: f64::from(score) });
+            kept.push(Candidate { x, y, angle });
             if kept.len() == count {
                 break;
             }

@@ -6,8 +6,19 @@ use super::pyramid::Level;
 use std::f64::consts::TAU;
 
 /// Radii (px) of the rings and the level each is sampled from.
-pub const RINGS: [(f64, usize); 11] =
-    [(10.0, 0), (15.0, 1), (21.0, 1), (30.0, 1), (43.0, 2), (61.0, 2), (87.0, 3), (124.0, 3), (175.0, 3), (250.0, 3), (350.0, 3)];
+pub const RINGS: [(f64, usize); 11] = [
+    (10.0, 0),
+    (15.0, 1),
+    (21.0, 1),
+    (30.0, 1),
+    (43.0, 2),
+    (61.0, 2),
+    (87.0, 3),
+    (124.0, 3),
+    (175.0, 3),
+    (250.0, 3),
+    (350.0, 3),
+];
 
 /// Samples of a ring.
 const DIRECTIONS: usize = 32;

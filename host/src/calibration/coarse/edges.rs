@@ -280,6 +280,7 @@ mod tests {
         assert_eq!(borders.iter().filter(|b| (b.end - b.start).norm() == 8.0).count(), 4);
         let units: f64 = borders.iter().map(|b| (b.end - b.start).norm()).sum();
         let mut pairs = 0;
+        #[allow(clippy::needless_range_loop, reason = "rows and columns are taken alike")]
         for i in 0..CELLS {
             for j in 1..CELLS {
                 pairs += usize::from(cells[i][j] != cells[i][j - 1]) + usize::from(cells[j][i] != cells[j - 1][i]);

@@ -5,6 +5,12 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+/// Three points before and after, which have frames of their own.
+type Frames = ([Vector3<f64>; 3], [Vector3<f64>; 3]);
+
+/// The linear part, and what it takes from the points' spread.
+type Gain<const D: usize> = (SMatrix<f64, D, D>, SMatrix<f64, D, D>);
+
 /// y = L·x + t in D dimensions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Map<const D: usize> {
@@ -150,7 +156,7 @@ impl<const D: usize> Moments<D> {
         (error < 1e-6).then(|| (self.yx * inverse, inverse))
     }
 
-    fn scale(&self) -> Option<(SMatrix<f64, D, D>, SMatrix<f64, D, D>)> {
+    fn scale(&self) -> Option<Gain<D>> {
         let spread = self.xx.trace();
         (spread > 0.0).then(|| {
             let identity = SMatrix::<f64, D, D>::identity();
@@ -159,11 +165,7 @@ impl<const D: usize> Moments<D> {
     }
 
     /// Rotation, with one scale if asked. Three points have their own frame, which is cheaper than a decomposition.
-    fn rotation(
-        &self,
-        scaled: bool,
-        frames: Option<([Vector3<f64>; 3], [Vector3<f64>; 3])>,
-    ) -> Option<(SMatrix<f64, D, D>, SMatrix<f64, D, D>)> {
+    fn rotation(&self, scaled: bool, frames: Option<Frames>) -> Option<Gain<D>> {
         // These models exist in 3-D only; the copies below are between equal sizes.
         let xx: Matrix3<f64> = resize(&self.xx)?;
         let yx: Matrix3<f64> = resize(&self.yx)?;

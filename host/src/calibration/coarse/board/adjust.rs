@@ -63,7 +63,7 @@ pub(super) fn adjust(corners: &[Corner], image_size: [usize; 2], pairs: usize) -
     let pose_steps = [1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6];
     let steps = lens_steps.into_iter().chain(lens_steps).chain(pose_steps.into_iter().cycle().take(6 + 6 * pairs));
     let steps = DVector::from_iterator(CAMERAS + 6 * pairs, steps);
-    let found = minimise(start, &steps, &residuals)?;
+    let found = minimise(start, &steps, residuals)?;
     let x = &found.parameters;
     let left_to_right = pose(x, 16, &first);
     let camera = StereoCamera { image_size, left: lens(x, 0), right: lens(x, 8), left_to_right };
