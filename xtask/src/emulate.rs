@@ -6,7 +6,7 @@ use std::ffi::OsString;
 use std::process::Command;
 
 /// Runs the flashed firmware on an emulated board: conversations, moves, faults, figures
-#[derive(Debug, Default, clap::Args)]
+#[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Print the figures as one JSON object on stdout
     #[arg(long)]
@@ -16,6 +16,11 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    /// Only these scenarios.
+    pub fn of(scenarios: &[&str]) -> Self {
+        Self { json: false, scenarios: scenarios.iter().map(ToString::to_string).collect() }
+    }
+
     /// Builds the firmware and the emulator, and runs the scenarios.
     ///
     /// # Errors

@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema, MaxSize)]
 #[allow(clippy::large_enum_variant, reason = "no allocation on the board: a reply is built in place")]
 pub enum Response {
-    /// To [`Request::Hello`].
+    /// To [`super::Request::Hello`].
     Hello(Hello),
-    /// To [`Request::Status`].
+    /// To [`super::Request::Status`].
     Status(Status),
     /// To a move, jog, vibration or homing: begun. An event or the status tells its end.
     Moving {
@@ -23,13 +23,13 @@ pub enum Response {
     },
     /// Done.
     Done,
-    /// To [`Request::GetAxis`].
+    /// To [`super::Request::GetAxis`].
     Axis(AxisSettings),
-    /// To [`Request::GetBoard`].
+    /// To [`super::Request::GetBoard`].
     Board(BoardSettings),
-    /// To [`Request::AutofocusState`], and to a sample: where the scan stands now.
+    /// To [`super::Request::AutofocusState`], and to a sample: where the scan stands now.
     Scan(ScanState),
-    /// To [`Request::Clock`].
+    /// To [`super::Request::Clock`].
     Clock {
         /// The host's own time, back again.
         sent: HostTime,
