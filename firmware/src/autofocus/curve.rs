@@ -318,7 +318,8 @@ impl Curve {
         Some((Place(self.first + i * width + width / 2), bin.mean))
     }
 
-    fn bin_width(&self) -> i32 {
+    /// Places that a bin spans.
+    pub fn bin_width(&self) -> i32 {
         (self.last - self.first) / Self::BINS as i32 + 1
     }
 
