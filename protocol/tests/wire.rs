@@ -196,6 +196,7 @@ fn refusals() {
         Refusal::NoHomeSwitch { .. } => 13, Refusal::NoHomeSwitch { axis };
         Refusal::CannotSave => 14, Refusal::CannotSave;
         Refusal::Unsupported => 15, Refusal::Unsupported;
+        Refusal::NoTrigger { .. } => 16, Refusal::NoTrigger { axis };
     );
     pin!(Field:
         Field::StepsPerUm => 0, Field::StepsPerUm;

@@ -61,6 +61,12 @@ impl fmt::Display for Explained<'_, Refusal> {
                 f,
                 "the board cannot keep settings over a power cycle now (flash busy, worn, or a chip revision on which it must not)"
             ),
+            Refusal::NoTrigger { axis: Axis(n) } => {
+                write!(
+                    f,
+                    "steps of axis {n} cannot give camera pulses: on this board those of its first three axes can"
+                )
+            }
             Refusal::Unsupported => write!(
                 f,
                 "the board's firmware cannot do this: flash it with this program's firmware (`cargo xtask flash`)"

@@ -77,6 +77,11 @@ pub enum Refusal {
     CannotSave,
     /// The board's build cannot do this.
     Unsupported,
+    /// The steps of this axis cannot give camera pulses.
+    NoTrigger {
+        /// The axis.
+        axis: Axis,
+    },
 }
 
 /// Fields that [`Refusal::OutOfRange`] names.
