@@ -91,6 +91,13 @@ impl Rig {
 
     /// The next frame, waiting for it until `deadline` µs. It shows the world at the middle of its exposure.
     pub fn next_frame(&mut self, deadline: u64) -> Option<(FrameTimes, Frame)> {
+        let times = self.next_times(deadline)?;
+        let frame = self.picture(&times);
+        Some((times, frame))
+    }
+
+    /// As [`Rig::next_frame`], without drawing what it shows.
+    pub fn next_times(&mut self, deadline: u64) -> Option<FrameTimes> {
         let times = match self.pending.take() {
             Some(times) => times,
             None => self.camera.next_frame(self.now),
@@ -100,8 +107,7 @@ impl Rig {
             self.pending = Some(times);
             return None;
         }
-        let frame = self.picture(&times);
-        Some((times, frame))
+        Some(times)
     }
 
     /// A region around the tip of manipulator `n` (from 0) in the picture, if it is in view.

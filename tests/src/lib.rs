@@ -1,5 +1,7 @@
 //! What host-in-the-loop tests share. The tests themselves are in `tests/tests`.
 
+pub mod rig;
+
 use std::path::PathBuf;
 use std::process::Command;
 

@@ -1,10 +1,12 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
 mod camera;
+mod latency;
 mod objective;
 mod pipette;
 mod registration;
 
+use super::connection::Connection;
 use super::{Output, coarse};
 use anyhow::Context;
 use clap::{Args, Subcommand};
@@ -32,6 +34,8 @@ enum Action {
     Objective(objective::Objective),
     /// A pipette's direction: descent and azimuth
     Pipette(pipette::Pipette),
+    /// How late the camera's frames come, for sweeps with one that does not tell when it exposes
+    Latency(Box<latency::Latency>),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
     /// The objective's height after a turn of the coarse focus knob
@@ -40,12 +44,13 @@ enum Action {
 
 /// # Errors
 /// What stopped it, naming the row or key; nothing is changed then.
-pub fn run(calibrate: Calibrate, out: Output) -> anyhow::Result<()> {
+pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow::Result<()> {
     match calibrate.action {
         Action::Camera(camera) => camera.run(out),
         Action::Registration(registration) => registration.run(out),
         Action::Objective(objective) => objective.run(out),
         Action::Pipette(pipette) => pipette.run(out),
+        Action::Latency(latency) => latency.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }

@@ -2,6 +2,7 @@
 
 mod autofocus;
 mod calibrate;
+mod camera;
 mod coarse;
 mod connection;
 mod current;
@@ -78,7 +79,7 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Dfu(a) => a.run(connection, out),
         Command::Settings(a) => a.run(connection, out),
         Command::Autofocus(a) => a.run(connection, out),
-        Command::Calibrate(a) => calibrate::run(*a, out),
+        Command::Calibrate(a) => calibrate::run(*a, connection, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Simulate(a) => a.run(connection, out),
         Command::Tip(a) => a.run(out),
