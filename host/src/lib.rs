@@ -8,6 +8,7 @@ pub mod focus;
 pub mod frames;
 pub mod link;
 pub mod picture;
+pub mod procedure;
 pub mod rig;
 pub mod settings;
 pub mod stage;
