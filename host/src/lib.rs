@@ -7,6 +7,7 @@ pub mod clock;
 pub mod focus;
 pub mod frames;
 pub mod link;
+pub mod page;
 pub mod picture;
 pub mod procedure;
 pub mod rig;

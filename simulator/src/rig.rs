@@ -12,6 +12,21 @@ const TICK_US: u64 = 250;
 /// Steps in which they live while none is.
 const IDLE_US: u64 = 1000;
 
+/// A frame that was exposed and not rendered yet.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    scene: Scene,
+    view: Viewpoint,
+    exposure: Exposure,
+}
+
+impl Shot {
+    /// The picture.
+    pub fn render(&self) -> Frame {
+        self.scene.render(&self.view, &self.exposure)
+    }
+}
+
 /// A virtual rig.
 pub struct Rig {
     model: RigModel,
@@ -104,6 +119,11 @@ impl Rig {
 
     /// The next frame, waiting for it until `deadline` µs. It shows the world at the middle of its exposure.
     pub fn next_frame(&mut self, deadline: u64) -> Option<(FrameTimes, Frame)> {
+        self.next_shot(deadline).map(|(times, shot)| (times, shot.render()))
+    }
+
+    /// The next frame as what it is going to show: rendering it takes time in which the rig may live on.
+    pub fn next_shot(&mut self, deadline: u64) -> Option<(FrameTimes, Shot)> {
         let times = match self.pending.take() {
             Some(times) => times,
             None => self.camera.next_frame(self.now),
@@ -113,8 +133,8 @@ impl Rig {
             self.pending = Some(times);
             return None;
         }
-        let frame = self.picture(&times);
-        Some((times, frame))
+        let shot = self.shot(&times);
+        Some((times, shot))
     }
 
     /// A region around the tip of manipulator `n` (from 0) in the picture, if it is in view.
@@ -170,7 +190,7 @@ impl Rig {
         self.model.manipulators.iter().enumerate().map(held).collect()
     }
 
-    fn picture(&mut self, times: &FrameTimes) -> Frame {
+    fn shot(&mut self, times: &FrameTimes) -> Shot {
         let at = times.middle();
         self.scene.pipettes = self.pipettes(at);
         let camera = &self.model.camera;
@@ -180,7 +200,7 @@ impl Rig {
             read_noise: camera.read_noise,
             seed: self.model.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(times.number),
         };
-        self.scene.render(&self.viewpoint(at), &exposure)
+        Shot { scene: self.scene.clone(), view: self.viewpoint(at), exposure }
     }
 
     fn step(&mut self, until: u64) {
