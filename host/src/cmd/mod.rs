@@ -3,20 +3,29 @@
 mod autofocus;
 mod calibrate;
 mod camera;
+mod clicking;
 mod coarse;
+mod coaxial;
 mod connection;
 mod current;
 mod declare;
 mod dfu;
 mod focus;
+mod goto;
+mod guarded;
 mod hold;
 mod home;
 mod info;
 mod interrupt;
 mod jog;
+mod live;
 mod move_;
 mod move_pulses;
+mod objective;
+mod paced;
 mod ports;
+mod remembered;
+mod serve;
 mod settings;
 mod setup;
 mod simulate;
@@ -25,6 +34,7 @@ mod status;
 mod stop;
 mod tip;
 mod vibrate;
+mod where_;
 
 pub use connection::Connection;
 
@@ -51,7 +61,12 @@ pub enum Command {
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
     Calibrate(Box<calibrate::Calibrate>),
+    Objective(objective::Arguments),
+    Goto(goto::Arguments),
+    Coaxial(coaxial::Arguments),
+    Where(where_::Arguments),
     Focus(focus::Focus),
+    Serve(Box<serve::Arguments>),
     Simulate(simulate::Arguments),
     Tip(tip::Arguments),
 }
@@ -80,7 +95,12 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Settings(a) => a.run(connection, out),
         Command::Autofocus(a) => a.run(connection, out),
         Command::Calibrate(a) => calibrate::run(*a, connection, out),
+        Command::Objective(a) => a.run(connection, out),
+        Command::Goto(a) => a.run(connection, out),
+        Command::Coaxial(a) => a.run(connection, out),
+        Command::Where(a) => a.run(connection, out),
         Command::Focus(a) => focus::run(a, out),
+        Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),
         Command::Tip(a) => a.run(out),
     }
