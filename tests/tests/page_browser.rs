@@ -1,0 +1,101 @@
+//! The operator page in a real browser, against the simulated rig: what a person does and sees.
+
+use parfocal_tests::page::Served;
+use parfocal_tests::webdriver::Browser;
+use serde_json::json;
+
+/// A page in a browser, with control.
+fn page() -> Option<(Served, Browser)> {
+    let browser = Browser::start()?;
+    let served = Served::start(&[]);
+    browser.open(&format!("http://{}/", served.address));
+    browser.until("return document.getElementById('operator').innerText === 'you have control'", 20);
+    browser.until("return Number(document.documentElement.dataset.frame) > 2", 20);
+    Some((served, browser))
+}
+
+/// Where a pixel of the picture is in the window.
+fn on_screen(browser: &Browser, x: f64, y: f64) -> (f64, f64) {
+    let script = format!(
+        "const b = document.getElementById('view').getBoundingClientRect(); const z = Math.min(b.width / 640, b.height / 480);
+         return [b.x + b.width / 2 + ({x} - 319.5) * z, b.y + b.height / 2 + ({y} - 239.5) * z]"
+    );
+    let at = browser.run(&script);
+    (at[0].as_f64().unwrap(), at[1].as_f64().unwrap())
+}
+
+/// Drags the focus region around the first pipette's tip, where the simulated rig has it.
+fn region_around_the_tip(browser: &Browser) {
+    browser.click("#tool-region");
+    let (from, to) = (on_screen(browser, 255.0, 203.0), on_screen(browser, 303.0, 251.0));
+    browser.drag(&[from, ((from.0 + to.0) / 2.0, (from.1 + to.1) / 2.0), to]);
+}
+
+#[test]
+fn a_jog_goes_on_while_the_button_is_held_and_stop_ends_a_move() {
+    let Some((served, browser)) = page() else { return };
+    let before = served.position("scope.x").unwrap();
+    browser.press("#jog-scope\\.x-up");
+    served.until("the axis moves", 10, |s| s["activity"]["doing"] == "jog" && s["axes"][0]["moving"] == true);
+    browser.screenshot("jog");
+    served.until("it goes on while held", 10, |s| s["axes"][0]["position_um"].as_f64().unwrap() > before + 30.0);
+    browser.release();
+    let state = served.until("it ends", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
+    let there = state["axes"][0]["position_um"].as_f64().unwrap();
+    // By key, the other way; the page losing the focus would end it as well.
+    browser.run("document.activeElement.blur()");
+    browser.hold_key("\u{E012}", true);
+    served.until("it comes back", 10, |s| s["axes"][0]["position_um"].as_f64().unwrap() < there - 20.0);
+    browser.hold_key("\u{E012}", false);
+    served.until("it ends", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
+
+    // A long move, typed in; stopped on its way by Space.
+    browser.click("#place-scope\\.y");
+    browser.run("document.activeElement.value = '5000'");
+    browser.key("\u{E007}");
+    served.until("it moves", 10, |s| {
+        s["axes"][1]["moving"] == true && s["axes"][1]["position_um"].as_f64().unwrap() > 100.0
+    });
+    browser.key(" ");
+    let state = served.until("it stops", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][1]["moving"] == false);
+    let y = state["axes"][1]["position_um"].as_f64().unwrap();
+    assert!(y > 100.0 && y < 4500.0, "stopped in mid-move, at {y}");
+    assert_eq!(state["axes"][1]["trust"], "known", "nothing was lost");
+    browser.until("return document.getElementById('messages').innerText.includes('STOP')", 5);
+    browser.screenshot("stopped");
+}
+
+#[test]
+fn autofocus_finds_the_tip_and_its_curve_is_on_the_screen() {
+    let Some((served, browser)) = page() else { return };
+    region_around_the_tip(&browser);
+    let state = served.until("the region is set", 5, |s| !s["focus"]["region"].is_null());
+    let region = &state["focus"]["region"];
+    assert!(
+        (region["x"].as_f64().unwrap() - 255.0).abs() < 4.0 && (region["width"].as_f64().unwrap() - 48.0).abs() < 5.0,
+        "{region}"
+    );
+    browser.click("#autofocus");
+    served.until("it scans", 10, |s| s["focus"]["samples"].as_u64() > Some(15));
+    // In mid-scan the page is loaded again: the scan goes on, the curve is there whole, control as well.
+    browser.screenshot("scan");
+    browser.reload();
+    browser.until("return document.getElementById('operator').innerText === 'you have control'", 20);
+    let state = served.until("the scan ends", 120, |s| s["activity"]["doing"] == "idle");
+    let z = state["axes"][2]["position_um"].as_f64().unwrap();
+    assert_eq!(state["focus"]["refused"], json!(null), "{state}");
+    assert!(z.abs() < 2.0, "the first tip lies at 0 µm, the focus was found at {z}");
+    let drawn =
+        format!("return Number(document.getElementById('curve').dataset.samples) === {}", state["focus"]["samples"]);
+    browser.until(&drawn, 10);
+    browser.until("return document.getElementById('focus-result').innerText.includes('in focus at')", 10);
+    browser.screenshot("focused");
+    assert_eq!(errors(&browser), Vec::<String>::new(), "nothing goes wrong in the page itself");
+}
+
+/// What the page's console complains of.
+fn errors(browser: &Browser) -> Vec<String> {
+    let log = browser.log();
+    let grave = log.as_array().into_iter().flatten().filter(|entry| entry["level"] == "SEVERE");
+    grave.map(|entry| entry["message"].as_str().unwrap_or_default().to_owned()).collect()
+}
