@@ -9,6 +9,7 @@ pub mod frames;
 pub mod link;
 pub mod page;
 pub mod picture;
+pub mod procedure;
 pub mod rig;
 pub mod settings;
 pub mod stage;

@@ -2,7 +2,7 @@
 
 use crate::board::VirtualBoard;
 use crate::camera::{FrameTimes, VirtualCamera};
-use crate::model::RigModel;
+use crate::model::{ObjectiveModel, RigModel};
 use crate::scene::{Exposure, Frame, Light, Pipette, Region, Scene, Viewpoint};
 use parfocal_protocol::units::{Axis, Micrometres};
 
@@ -34,6 +34,7 @@ pub struct Rig {
     boards: Vec<VirtualBoard>,
     camera: VirtualCamera,
     scene: Scene,
+    objective: usize,
     pending: Option<FrameTimes>,
 }
 
@@ -48,7 +49,7 @@ impl Rig {
             .collect();
         let camera = VirtualCamera::new(model.camera.timing, model.seed);
         let scene = Scene { light: Light { vignetting: 0.08, slope: [0.02, -0.01] }, ..Scene::default() };
-        Self { model, now: 0, boards, camera, scene, pending: None }
+        Self { model, now: 0, boards, camera, scene, objective: 0, pending: None }
     }
 
     /// What it is made of.
@@ -74,6 +75,18 @@ impl Rig {
     /// What lies under the microscope besides the pipettes; cells and debris may be put there.
     pub fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
+    }
+
+    /// The objective in the light path.
+    pub fn objective(&self) -> Option<&ObjectiveModel> {
+        self.model.objectives.get(self.objective)
+    }
+
+    /// Turns the turret; false when it has no such objective.
+    pub fn set_objective(&mut self, name: &str) -> bool {
+        let place = self.model.objectives.iter().position(|o| o.name == name);
+        self.objective = place.unwrap_or(self.objective);
+        place.is_some()
     }
 
     /// Bytes from a program to a board.
@@ -155,9 +168,13 @@ impl Rig {
     pub fn viewpoint(&self, at: u64) -> Viewpoint {
         let [x, y, z] = self.positions(0, at);
         let camera = &self.model.camera;
-        let [[a, b], [c, d]] = camera.matrix_um_per_px;
-        let level = Viewpoint::level([x, y], z, 1.0, camera.width, camera.height);
-        Viewpoint { matrix_um_per_px: [[a, b], [c, d]], ..level }
+        let level = |x, y, z| Viewpoint::level([x, y], z, 1.0, camera.width, camera.height);
+        let Some(objective) = self.objective() else {
+            return Viewpoint { matrix_um_per_px: camera.matrix_um_per_px, ..level(x, y, z) };
+        };
+        let [kx, ky, kz] = objective.kappa_um;
+        let matrix_um_per_px = camera.matrix_um_per_px.map(|row| row.map(|a| objective.alpha * a));
+        Viewpoint { matrix_um_per_px, optics: objective.optics, ..level(x + kx, y + ky, z + kz) }
     }
 
     /// The pipettes where their manipulators hold them, at a time.
