@@ -24,7 +24,15 @@ impl Served {
     /// # Panics
     /// When it does not come up.
     pub fn start(arguments: &[&str]) -> Self {
-        let mut child = parfocal()
+        Self::start_program(parfocal(), arguments)
+    }
+
+    /// Starts another build of `parfocal`.
+    ///
+    /// # Panics
+    /// When it does not come up.
+    pub fn start_program(mut program: std::process::Command, arguments: &[&str]) -> Self {
+        let mut child = program
             .args(["--json", "serve", "--listen", "127.0.0.1:0"])
             .args(arguments)
             .stdout(Stdio::piped())

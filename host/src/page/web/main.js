@@ -5,6 +5,7 @@ import { Connection } from "./connection.js";
 import { Curve, Trace } from "./curve.js";
 import { $, element, say } from "./dom.js";
 import { Picture } from "./picture.js";
+import { Wizard } from "./wizard.js";
 
 const MEASURES = [
   "tenengrad", "normalised-variance", "variance", "brenner", "sum-modified-laplacian", "variance-of-laplacian",
@@ -12,6 +13,8 @@ const MEASURES = [
 ];
 
 const connection = new Connection();
+let first = true;
+let asked = false;
 const own = [];
 const fail = (text) => {
   own.push({ level: "error", text, at: connection.state?.messages.at(-1)?.n ?? 0 });
@@ -22,8 +25,10 @@ const attempt = (promise) => promise.catch((error) => fail(error.message));
 const axes = new Axes(connection, fail);
 const curve = new Curve();
 const trace = new Trace();
+const wizard = new Wizard(connection, fail);
 const picture = new Picture(connection, (tool, at) => {
-  if (tool === "region") attempt(connection.post("look", { region: at }));
+  if (tool === "click") wizard.click(at);
+  else if (tool === "region") attempt(connection.post("look", { region: at }));
   else if (tool.startsWith("to-")) attempt(connection.post("click", { device: tool.slice(3), ...at }));
 });
 
@@ -63,7 +68,6 @@ connection.addEventListener("state", ({ detail }) => {
   first = false;
   show(detail);
 });
-let first = true;
 
 function offline(on, reason) {
   document.documentElement.toggleAttribute("data-offline", on);
@@ -87,6 +91,7 @@ function show(state) {
   say($("control"), connection.yours ? "Give back" : "Take control");
   const idle = state.activity.doing === "idle";
   const scanning = state.activity.doing === "autofocus";
+  wizard.show(state);
   axes.show(state);
   axes.enable(connection.yours && (idle || state.activity.doing === "jog"));
   $("autofocus").disabled = !connection.yours || !idle;
@@ -104,9 +109,10 @@ function show(state) {
   focusResult(state);
   camera(state);
   tools(state);
-  picture.mark(state.tips.map((tip) => ({
+  const tips = state.tips.map((tip) => ({
     x: tip.x_px, y: tip.y_px, kind: "tip", text: `${tip.name}  ${tip.height_um >= 0 ? "+" : "−"}${Math.abs(tip.height_um).toFixed(1)} µm`,
-  })));
+  }));
+  picture.mark([...tips, ...wizard.marks(state)]);
   messages(state);
 }
 
@@ -126,16 +132,21 @@ function camera({ camera }) {
 }
 
 /** What a click may do depends on what is calibrated. */
-function tools({ calibrated }) {
+function tools(state) {
+  const { calibrated } = state;
   const offered = { look: "Look", region: "Region" };
+  const asks = wizard.asks(state);
+  if (asks) offered.click = "Click the point";
   if (!calibrated.missing) {
     offered["to-scope"] = "Centre here";
     for (const name of calibrated.manipulators) offered[`to-${name}`] = `${name} tip here`;
   }
   picture.offer(offered);
+  if (asks && !asked) picture.choose("click");
+  asked = asks;
   const hints = { region: "Drag a rectangle around what shall be sharp; a click takes it away.", "to-scope": "Click what shall come to the centre." };
   const tip = picture.tool.startsWith("to-m") ? `Click where the tip of ${picture.tool.slice(3)} shall go, at the height in focus.` : "";
-  say($("hint"), hints[picture.tool] ?? tip);
+  say($("hint"), picture.tool === "click" ? wizard.hint(state) : (hints[picture.tool] ?? tip));
 }
 
 function messages(state) {

@@ -288,12 +288,14 @@ function label(pen, text, x, y, style) {
 
 function drawMark(pen, { x, y, kind, text, to }, onScreen) {
   const [px, py] = onScreen(x, y);
-  const style = colour({ tip: "accent", sample: "warm", outlier: "bad" }[kind] ?? "text");
+  const style = colour({ tip: "accent", expected: "accent", sample: "warm", outlier: "bad", undone: "faint" }[kind] ?? "text");
   for (const [ink, thick] of [["#000b", 4], [style, 1.6]]) {
     pen.strokeStyle = ink;
     pen.lineWidth = thick;
     pen.beginPath();
-    if (kind === "tip") {
+    if (kind === "expected") {
+      pen.arc(px, py, 16, 0, 7);
+    } else if (kind === "tip") {
       pen.arc(px, py, 9, 0, 7);
       pen.moveTo(px - 15, py);
       pen.lineTo(px - 4, py);
