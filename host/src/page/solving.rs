@@ -3,12 +3,12 @@
 use super::wizard::What;
 use crate::calibration::camera::{self, Options};
 use crate::calibration::chain::{Chain, Pixel, Sensor};
+use crate::calibration::frames::Point;
 use crate::calibration::registration;
 use crate::calibration::report;
 use crate::calibration::robust::{Estimator, Model, ScalePrior, Solution};
 use crate::procedure::{FramePixel, Sample, Window, what_moves};
 use crate::rig::{self, CameraCalibration, ManipulatorNumber, Record, Rig};
-use nalgebra::Vector3;
 
 /// A solved calibration.
 pub struct Solved {
@@ -94,7 +94,7 @@ fn solve_registration(rig: &Rig, number: ManipulatorNumber, samples: &[Sample], 
     let found = rig::Registration { model, matrix: transform.to_rows(), record: record(&fit.solution, seed) };
     proposed.set_registration(number, found);
     let solved = points.iter().zip(samples).enumerate().map(|(i, (point, taken))| {
-        let place = transform * crate::calibration::frames::Point::from(Vector3::from(point.man_um));
+        let place = transform * Point::from(point.man_um);
         sample(&window, chain.ref_to_pixel(taken.mic_um, place).0, &fit.solution, i)
     });
     let solved = solved.collect();

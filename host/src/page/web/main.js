@@ -125,7 +125,7 @@ function focusResult({ focus }) {
 }
 
 function camera({ camera }) {
-  say($("camera"), camera.health === "running" ? `${camera.name.slice(0, 40)}   ${camera.width_px}×${camera.height_px}, ${camera.bits} bits, ${camera.rate_hz.toFixed(0)} frames/s` : `the camera is ${camera.health}`);
+  say($("camera"), camera.health === "running" ? `${camera.name.slice(0, 40)}   ${camera.width_px}×${camera.height_px}, ${camera.bits} bits, ${camera.rate_hz.toFixed(0)} frames/s` : `the camera ${camera.health === "failed" ? "failed" : "is starting"}`);
   $("camera-problem").hidden = camera.health !== "failed";
   say($("camera-problem").firstElementChild, camera.problem ?? "");
   $("restart").disabled = !connection.yours;

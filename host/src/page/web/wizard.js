@@ -9,6 +9,7 @@ export class Wizard {
   #connection;
   #fail;
   #drawn = "";
+  #title = "";
   #step = "camera";
   #detector = false;
   #places = 6;
@@ -61,6 +62,9 @@ export class Wizard {
     const panel = state.calibration ? this.#running(state.calibration, yours) : this.#choice(state, yours && idle);
     $("calibration").replaceChildren(element("div", { class: "title" }, element("h2", {}, "Calibration")), ...panel);
     if (held) $(held)?.focus();
+    const title = state.calibration?.title ?? "";
+    if (title && title !== this.#title) $("calibration").scrollIntoView({ block: "start" });
+    this.#title = title;
   }
 
   #choice(state, ready) {
