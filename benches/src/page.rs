@@ -60,9 +60,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (name, q) in [("without a page", &a), ("with a page", &w)] {
         eprintln!("{name:<15} {:9} {:8.2} {:8.2} {:8.2}", q.samples, q.p50, q.p99, q.max);
     }
-    eprintln!("the p99 grows by {:.2} ms; the page got {rate:.1} pictures of {}x{} a second", w.p99 - a.p99, SIZE.0, SIZE.1);
+    eprintln!(
+        "the p99 grows by {:.2} ms; the page got {rate:.1} pictures of {}x{} a second",
+        w.p99 - a.p99,
+        SIZE.0,
+        SIZE.1
+    );
     if arguments.json {
-        println!("{}", json!({ "p99_alone_ms": a.p99, "p99_watched_ms": w.p99, "growth_ms": w.p99 - a.p99, "pictures_per_s": rate }));
+        println!(
+            "{}",
+            json!({ "p99_alone_ms": a.p99, "p99_watched_ms": w.p99, "growth_ms": w.p99 - a.p99, "pictures_per_s": rate })
+        );
     }
     Ok(())
 }
@@ -153,13 +161,16 @@ fn stack(folder: &Path) -> anyhow::Result<()> {
         half_angle_rad: 0.09,
         contrast: 0.12,
     };
-    let scene = Scene { light: Light { vignetting: 0.08, slope: [0.02, -0.01] }, pipettes: vec![pipette], ..Scene::default() };
+    let scene =
+        Scene { light: Light { vignetting: 0.08, slope: [0.02, -0.01] }, pipettes: vec![pipette], ..Scene::default() };
     for plane in 0..PLANES {
         let z = plane as f64 * STEP_UM - middle;
         let view = Viewpoint { bits: 8, ..Viewpoint::level([0.0, 0.0], z, 0.16, SIZE.0, SIZE.1) };
         let exposure = Exposure { level: 0.5, shot_noise: 0.01, read_noise: 0.002, seed: plane as u64 };
         let frame = scene.render(&view, &exposure);
-        let picture = GrayImage::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| Luma([frame.pixels[y as usize * SIZE.0 + x as usize] as u8]));
+        let picture = GrayImage::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
+            Luma([frame.pixels[y as usize * SIZE.0 + x as usize] as u8])
+        });
         picture.save(folder.join(format!("{plane:03}.png")))?;
     }
     std::fs::write(folder.join("stack.toml"), format!("z_step_um = {STEP_UM}\nfirst_z_um = {}\n", -middle))?;

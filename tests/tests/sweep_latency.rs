@@ -1,7 +1,7 @@
 //! A camera that only says when frames arrive, 20–150 ms late: after one calibration, sweeps in both directions agree.
 
-use parfocal::frames::pacing::Pacing;
-use parfocal_firmware::autofocus::latency::{BothWays, Delays, separate};
+use parfocal::autofocus::latency::{BothWays, Delays, separate};
+use parfocal::frames::pacing::{Edge, Pacing};
 use parfocal_firmware::autofocus::{Ask, Scan};
 use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters, Strategy, Subject};
 use parfocal_protocol::units::{Axis, FocusValue, HostTime, MicrometresPerSecond, Milliseconds, Nanometres};
@@ -84,7 +84,7 @@ fn sweep(camera: &mut Camera, velocity: f64) -> Nanometres {
         }
         frames.push((number, exposed(z, velocity)));
     }
-    let clock = camera.pacing.clock().unwrap();
+    let clock = camera.pacing.clock(Edge::Earliest).unwrap();
     for (number, value) in frames {
         // All that is known of the time: the camera's pace, from arrivals.
         let z = from + velocity * (clock.time(number).0 as f64 - begin) * 1e-6;

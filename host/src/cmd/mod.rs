@@ -2,6 +2,7 @@
 
 mod autofocus;
 mod calibrate;
+mod camera;
 mod coarse;
 mod connection;
 mod focus;

@@ -61,6 +61,11 @@ impl fmt::Display for Explained<'_, Refusal> {
                 f,
                 "the board cannot keep settings over a power cycle now (flash busy, worn, or a chip revision on which it must not)"
             ),
+            Refusal::WrongTime { earliest, latest } => write!(
+                f,
+                "the frame's time is not between {} and {} µs by the board's clock: frames come in the order of their exposure, after it",
+                earliest.0, latest.0
+            ),
             Refusal::Unsupported => write!(
                 f,
                 "the board's firmware cannot do this: flash it with this program's firmware (`cargo xtask flash`)"

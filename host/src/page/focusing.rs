@@ -2,12 +2,12 @@
 
 use super::desk::{CurveSoFar, Desk, Doing};
 use super::order::{Focus, OrderError};
-use crate::autofocus::source::CameraSource;
-use crate::autofocus::{Progress, Sample, run as scan};
+use crate::autofocus::{CameraSource, Latency, Progress, REACH, Sample, run as scan};
 use crate::frames::camera::Camera;
 use crate::link::explain::scan_refusal;
 use crate::link::transport::real_now;
 use crate::procedure::{FocusTask, Focuser, ProcedureError};
+use crate::rig::CameraLatency;
 use crate::stage::{Stage, StageError};
 use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters, Strategy, Subject};
 use parfocal_protocol::units::{Axis, Micrometres, MicrometresPerSecond, Milliseconds, Nanometres};
@@ -56,7 +56,7 @@ impl Scan {
         let going = Arc::new(move || own.halts() == halts && !own.cancelled());
         let camera = desk.feed.camera(going.clone());
         let arrival = camera.arrival();
-        let mut source = CameraSource { camera, roi: looking.region, measure: looking.measure };
+        let mut source = CameraSource::new(camera, looking.region, looking.measure, latency(desk));
         let mut show = |progress: Progress| {
             if let Progress::Sample(Sample { z, phi }) = progress {
                 let mut curve = desk.curve();
@@ -127,7 +127,7 @@ impl Focuser for PageFocuser {
         };
         let (id, measure) = (desk.activity().id, desk.looking().measure);
         *desk.curve() = CurveSoFar { id, axis: Some(task.axis), ..CurveSoFar::default() };
-        let mut source = CameraSource { camera, roi: Some(task.region), measure };
+        let mut source = CameraSource::new(camera, Some(task.region), measure, latency(desk));
         let mut show = |progress: Progress| {
             if let Progress::Sample(Sample { z, phi }) = progress {
                 desk.curve().samples.push((z.0, phi.0));
@@ -148,6 +148,11 @@ impl Focuser for PageFocuser {
             }
         }
     }
+}
+
+/// How late the camera's frames come, if that was calibrated.
+fn latency(desk: &Desk) -> Option<Latency> {
+    desk.rig().contents().camera.as_ref()?.latency.as_ref().map(CameraLatency::in_force)
 }
 
 /// A scan of no range yet, stepwise uphill.
@@ -176,9 +181,8 @@ fn parameters(
     info: &super::desk::AxisInfo,
 ) -> Result<ScanParameters, OrderError> {
     let (mut low, mut high) = (info.settings.low.micrometres().0, info.settings.high.micrometres().0);
-    if let Some([down, up]) = focus.range_um {
-        (low, high) = (low.max(start.0 + down), high.min(start.0 + up));
-    }
+    let [down, up] = focus.range_um.unwrap_or([-REACH.0, REACH.0]);
+    (low, high) = (low.max(start.0 + down), high.min(start.0 + up));
     if !(low < high) {
         return Err(OrderError::Value(format!("the range leaves nothing of {}'s travel to scan", focus.axis)));
     }

@@ -104,6 +104,12 @@ fn check_camera(camera: &Camera) -> Result<(), RigError> {
         ensure((a * d - b * c).abs() > 1e-3 * size, key, "is singular: its columns must not be parallel nor zero")?;
         check_record("camera.calibration.record", &calibration.record)?;
     }
+    if let Some(latency) = &camera.latency {
+        finite("camera.latency", &[latency.latency_ms, latency.error_ms, latency.period_ms])?;
+        ensure(latency.period_ms > 0.0, "camera.latency.period_ms", "must be the time between frames, above 0")?;
+        let possible = latency.latency_ms.abs() <= 10_000.0;
+        ensure(possible, "camera.latency.latency_ms", "must lie between -10000 and 10000 ms")?;
+    }
     Ok(())
 }
 

@@ -1,6 +1,8 @@
 //! What `rig.toml` holds, key by key. Lengths are µm and angles degrees, as the keys' names say.
 
 use super::names::{BoardId, Coordinate, Device, ManipulatorNumber};
+use crate::autofocus::Latency;
+use crate::frames::pacing::Edge;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -93,6 +95,32 @@ pub struct Camera {
     /// A, once measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<CameraCalibration>,
+    /// How late its frames come, once measured; needed when it does not tell when it exposes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency: Option<CameraLatency>,
+}
+
+/// How late a camera's frames come, by sweeps in both directions at two speeds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraLatency {
+    /// From the middle of an exposure to the arrival at `edge`.
+    pub latency_ms: f64,
+    /// Standard error of it.
+    pub error_ms: f64,
+    /// Time between frames when it was measured; at another rate it does not hold.
+    pub period_ms: f64,
+    /// earliest or latest: the arrivals that keep the camera's pace best.
+    pub edge: Edge,
+    /// RFC 3339.
+    pub date: String,
+}
+
+impl CameraLatency {
+    /// As autofocus uses it.
+    pub fn in_force(&self) -> Latency {
+        Latency { late_us: self.latency_ms * 1000.0, period_us: self.period_ms * 1000.0, edge: self.edge }
+    }
 }
 
 fn one() -> u32 {

@@ -27,8 +27,8 @@ mod update;
 mod tests;
 
 pub use contents::{
-    Axis, Board, Camera, CameraCalibration, Contents, Manipulator, Moves, Objective, Obstacle, Pipette, Record,
-    Registration, SCHEMA, TipOffset, Um3, Zoom,
+    Axis, Board, Camera, CameraCalibration, CameraLatency, Contents, Manipulator, Moves, Objective, Obstacle, Pipette,
+    Record, Registration, SCHEMA, TipOffset, Um3, Zoom,
 };
 pub use names::{AxisName, BoardId, Coordinate, Device, ManipulatorNumber, NameError};
 pub use update::TipOffsetWarning;

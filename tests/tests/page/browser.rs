@@ -147,10 +147,14 @@ fn camera_and_manipulator_are_calibrated_by_clicks() {
     assert_eq!(state["calibration"]["ready"], true, "{}", state["calibration"]);
     // A sample is taken back and in again; the solution follows.
     browser.click("#undo");
-    served.until("it is undone", 10, |s| s["calibration"]["samples"].as_array().unwrap().iter().any(|r| r["undone"] == true));
+    served.until("it is undone", 10, |s| {
+        s["calibration"]["samples"].as_array().unwrap().iter().any(|r| r["undone"] == true)
+    });
     let last = state["calibration"]["samples"].as_array().unwrap().len() - 1;
     browser.click(&format!("#undo-{last}"));
-    let state = served.until("it is in again", 10, |s| s["calibration"]["samples"].as_array().unwrap().iter().all(|r| r["undone"] == false));
+    let state = served.until("it is in again", 10, |s| {
+        s["calibration"]["samples"].as_array().unwrap().iter().all(|r| r["undone"] == false)
+    });
     assert!(state["calibration"]["rms_um"].as_f64().unwrap() < 0.3, "{}", state["calibration"]);
     browser.screenshot("camera");
     browser.click("#accept");
@@ -174,7 +178,9 @@ fn camera_and_manipulator_are_calibrated_by_clicks() {
     browser.until("return document.getElementById('tool-to-m1') !== null", 10);
     browser.click("#tool-to-m1");
     browser.click_at(on_screen(&browser, 400.0, 150.0));
-    served.until("it moves", 10, |s| s["activity"]["doing"] == "move" || s["activity"]["ended"][0]["text"] == "in position");
+    served.until("it moves", 10, |s| {
+        s["activity"]["doing"] == "move" || s["activity"]["ended"][0]["text"] == "in position"
+    });
     let state = served.until("it is there", 30, |s| s["activity"]["doing"] == "idle");
     let (x, y) = tip_px(&state);
     assert!((x - 400.0).hypot(y - 150.0) < 4.0, "the tip went to {x}, {y}");

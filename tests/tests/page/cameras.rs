@@ -7,7 +7,9 @@ use serde_json::json;
 /// A camera of `width` x 4 that delivers `count` frames and then does `rest`.
 fn camera(width: usize, count: usize, rest: &str) -> String {
     let body = "0123456789abcdef".repeat(width * 4 / 16);
-    format!("echo 'YUV4MPEG2 W{width} H4 F30:1 Cmono'; for i in $(seq {count}); do printf 'FRAME\\n{body}'; sleep 0.02; done; {rest}")
+    format!(
+        "echo 'YUV4MPEG2 W{width} H4 F30:1 Cmono'; for i in $(seq {count}); do printf 'FRAME\\n{body}'; sleep 0.02; done; {rest}"
+    )
 }
 
 #[test]
@@ -15,7 +17,8 @@ fn a_camera_that_dies_is_told_and_restarted_on_request() {
     let folder = tempfile::tempdir().unwrap();
     let mark = folder.path().join("second");
     let (mark, frames) = (mark.display(), camera(16, 400, "true"));
-    let command = format!("exec:if [ -e {mark} ]; then {frames}; else touch {mark}; echo the lamp is off >&2; exit 1; fi");
+    let command =
+        format!("exec:if [ -e {mark} ]; then {frames}; else touch {mark}; echo the lamp is off >&2; exit 1; fi");
     let mut served = Served::start(&["--camera", &command]);
     let state = served.until("it is told", 10, |s| s["camera"]["health"] == "failed");
     assert!(state["camera"]["problem"].as_str().unwrap().contains("the lamp is off"), "{}", state["camera"]);
@@ -46,8 +49,11 @@ fn frames_that_change_their_size_are_told() {
 
 #[test]
 fn what_is_no_camera_is_told_before_anything_starts() {
-    for (camera, says) in [("usb:0", "exec:COMMAND"), ("stack:/no/such/folder", "/no/such/folder"), ("curve:x.csv", "without pictures")] {
-        let output = parfocal_tests::parfocal().args(["serve", "--listen", "127.0.0.1:0", "--camera", camera]).output().unwrap();
+    for (camera, says) in
+        [("usb:0", "exec:COMMAND"), ("stack:/no/such/folder", "/no/such/folder"), ("curve:x.csv", "without pictures")]
+    {
+        let output =
+            parfocal_tests::parfocal().args(["serve", "--listen", "127.0.0.1:0", "--camera", camera]).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success() && said.contains(says), "{camera}: {said}");
     }

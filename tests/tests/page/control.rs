@@ -78,7 +78,15 @@ fn two_pages_that_want_control_get_it_one_after_the_other() {
     assert!(refused.json()["error"].as_str().unwrap().contains("Bob has control"));
     // Both at once, again and again: never two operators.
     std::thread::scope(|scope| {
-        let keys: Vec<_> = (0..2).map(|i| scope.spawn(move || (0..20).map(|_| take(&format!("tab {i}"), true).json()["key"].as_str().unwrap().to_owned()).collect::<Vec<_>>())).collect();
+        let keys: Vec<_> = (0..2)
+            .map(|i| {
+                scope.spawn(move || {
+                    (0..20)
+                        .map(|_| take(&format!("tab {i}"), true).json()["key"].as_str().unwrap().to_owned())
+                        .collect::<Vec<_>>()
+                })
+            })
+            .collect();
         let keys: Vec<String> = keys.into_iter().flat_map(|t| t.join().unwrap()).chain([bob]).collect();
         let allowed = keys.iter().filter(|key| {
             let headers = [("content-type", "application/json"), ("x-parfocal-key", key.as_str())];

@@ -18,7 +18,10 @@ fn posts() -> Vec<(&'static str, Value)> {
         ("/api/move", json!({ "to_um": { "scope.x": 100.0, "m1.z": 5.0 }, "relative": true, "speed_um_s": 50.0 })),
         ("/api/jog", json!({ "axis": "scope.y", "speed_um_s": 100.0 })),
         ("/api/click", json!({ "device": "scope", "x_px": 10.0, "y_px": 10.0 })),
-        ("/api/autofocus", json!({ "axis": "scope.z", "range_um": [-5.0, 5.0], "sample_step_um": 0.5, "strategy": "climb" })),
+        (
+            "/api/autofocus",
+            json!({ "axis": "scope.z", "range_um": [-5.0, 5.0], "sample_step_um": 0.5, "strategy": "climb" }),
+        ),
         ("/api/look", json!({ "measure": "brenner", "region": { "x": 1, "y": 1, "width": 40, "height": 40 } })),
         ("/api/camera/restart", json!({})),
         ("/api/emergency/clear", json!({})),
@@ -73,7 +76,8 @@ fn other_pages_and_other_names_move_nothing() {
             assert!(status == 403 || status == 400, "{path} {extra:?}: {status}");
         }
         // The WebSocket is judged by the same rules.
-        let mut request = tungstenite::client::IntoClientRequest::into_client_request(format!("ws://{address}/api/live")).unwrap();
+        let mut request =
+            tungstenite::client::IntoClientRequest::into_client_request(format!("ws://{address}/api/live")).unwrap();
         for (name, value) in extra {
             request.headers_mut().insert(
                 tungstenite::http::HeaderName::from_bytes(name.as_bytes()).unwrap(),
@@ -96,7 +100,9 @@ fn a_wrong_token_opens_nothing_and_the_right_one_everything() {
     let token = "0123456789abcdef0123";
     let mut served = Served::start(&["--token", token]);
     let address = served.address.clone();
-    for headers in [vec![], vec![("authorization", "Bearer 0123456789abcdef0124")], vec![("cookie", "parfocal_token=x")]] {
+    for headers in
+        [vec![], vec![("authorization", "Bearer 0123456789abcdef0124")], vec![("cookie", "parfocal_token=x")]]
+    {
         for (path, body) in posts() {
             let mut headers = headers.clone();
             headers.push(("content-type", "application/json"));
@@ -108,7 +114,8 @@ fn a_wrong_token_opens_nothing_and_the_right_one_everything() {
     }
     assert!(served.runs());
     let opened = send(&address, "GET", &format!("/?token={token}"), &[], b"");
-    let cookie = opened.head.lines().find_map(|l| l.strip_prefix("set-cookie: ")).unwrap_or_else(|| panic!("{}", opened.head));
+    let cookie =
+        opened.head.lines().find_map(|l| l.strip_prefix("set-cookie: ")).unwrap_or_else(|| panic!("{}", opened.head));
     assert!(opened.status == 303 && cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"), "{cookie}");
     let cookie = cookie.split(';').next().unwrap();
     assert_eq!(send(&address, "GET", "/api/state", &[("cookie", cookie)], b"").status, 200);
@@ -139,7 +146,8 @@ fn anything() -> impl Strategy<Value = Value> {
     leaf.prop_recursive(3, 12, 4, |inner| {
         prop_oneof![
             prop::collection::vec(inner.clone(), 0..4).prop_map(Value::from),
-            prop::collection::btree_map("[a-z_]{1,8}", inner, 0..4).prop_map(|m| Value::from(serde_json::Map::from_iter(m))),
+            prop::collection::btree_map("[a-z_]{1,8}", inner, 0..4)
+                .prop_map(|m| Value::from(serde_json::Map::from_iter(m))),
         ]
     })
 }
