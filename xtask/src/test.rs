@@ -80,6 +80,7 @@ impl Step {
                 check(cargo().args(["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"]))
             }
             Self::Tests => {
+                super::browser::install()?;
                 // Tests of the command run the program itself.
                 check(cargo().args(["build", "--quiet", "--package", "parfocal"]))?;
                 tests(&["--workspace"])

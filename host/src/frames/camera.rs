@@ -117,13 +117,3 @@ impl<C: Camera + ?Sized> Camera for Box<C> {
         (**self).next_stamp(deadline)
     }
 }
-
-impl<C: Camera + ?Sized> Camera for &mut C {
-    fn name(&self) -> String {
-        (**self).name()
-    }
-
-    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        (**self).next_frame(deadline)
-    }
-}

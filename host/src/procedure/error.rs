@@ -2,7 +2,7 @@
 
 use super::obstacles::Collision;
 use super::point::NotFound;
-use crate::autofocus::AutofocusError;
+use crate::autofocus::ScanError;
 use crate::calibration::CalibrationError;
 use crate::calibration::chain::ChainError;
 use crate::frames::camera::CameraError;
@@ -31,7 +31,7 @@ pub enum ProcedureError {
     Camera(#[from] CameraError),
     /// The scan could not be carried through.
     #[error(transparent)]
-    Autofocus(#[from] AutofocusError),
+    Autofocus(#[from] ScanError),
     /// The point is not there.
     #[error(transparent)]
     NotFound(#[from] NotFound),
