@@ -120,11 +120,12 @@ impl Chain {
         let zoom = contents.zoom_in_use.unwrap_or(1.0);
         let missing = || ChainError::Objective { objective: name.clone(), zoom: zoom.to_string() };
         let objective = contents.objectives.get(name).ok_or_else(missing)?;
-        let (alpha, kappa) = match objective.zooms.iter().find(|z| z.zoom == zoom) {
+        let (alpha, mut kappa) = match objective.zooms.iter().find(|z| z.zoom == zoom) {
             Some(entry) => (entry.alpha, Vector3::from(entry.kappa_um)),
             None if objective.default && zoom == 1.0 => (1.0, Vector3::zeros()),
             None => return Err(missing()),
         };
+        kappa.z += contents.objective_height_um;
         let camera = contents.camera.as_ref().ok_or(ChainError::NoCamera)?;
         let [[a, b], [c, d]] = camera.calibration.as_ref().ok_or(ChainError::NoCamera)?.matrix_um_per_px;
         let sensor = Sensor { width_px: camera.width_px, height_px: camera.height_px };
