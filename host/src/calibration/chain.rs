@@ -192,6 +192,27 @@ impl Arm {
         Ok(Self::new(ref_from_man, Vector3::from(offset).into(), direction))
     }
 
+    /// A manipulator as its marker shows it: coarse registration, pipette, and the tip's standard deviation, µm. `None` without one.
+    pub fn coarse_of(rig: &Rig, number: ManipulatorNumber) -> Option<(Self, f64)> {
+        let manipulator = rig.contents().manipulators.get(&number)?;
+        let coarse = manipulator.coarse.as_ref()?;
+        let ref_from_man = Transform::from_rows(&coarse.matrix)?;
+        let pipette = manipulator.pipette.as_ref();
+        let direction = pipette.map(|p| direction(p.descent_deg.to_radians(), p.azimuth_deg.to_radians()));
+        Some((Self { ref_from_man, direction }, coarse.error_um))
+    }
+
+    /// The pipette's direction of advance in ref, if known: a unit vector.
+    pub fn direction(&self) -> Option<Displacement<Ref>> {
+        self.direction
+    }
+
+    /// The arm with its tip elsewhere in ref.
+    #[must_use]
+    pub fn shifted(&self, by: Displacement<Ref>) -> Self {
+        Self::new(self.ref_from_man, by, self.direction)
+    }
+
     /// T_man_ref with the tip's offset.
     pub fn ref_from_man(&self) -> Transform<Man, Ref> {
         self.ref_from_man
