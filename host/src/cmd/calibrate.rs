@@ -145,7 +145,7 @@ impl Solving {
 }
 
 /// The time, RFC 3339.
-fn now() -> String {
+pub(super) fn now() -> String {
     humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
 }
 
