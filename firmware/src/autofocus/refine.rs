@@ -51,9 +51,8 @@ impl Refine {
     /// Where frames are missing because they were forgotten on a long way: there the curve is taken again.
     fn forgotten(curve: &Curve, trap: i32) -> Option<Place> {
         let (best, _) = curve.best()?;
-        let reach = if curve.noise().is_silent() { 2 * STRIDE } else { trap };
-        let from = (best.0 - reach).max(curve.seen(Side::Low).0);
-        let to = (best.0 + reach).min(curve.seen(Side::High).0);
+        let from = (best.0 - trap).max(curve.seen(Side::Low).0);
+        let to = (best.0 + trap).min(curve.seen(Side::High).0);
         let here = curve.here().0;
         let places = (from..=to).filter(|p| p % STRIDE == 0 && curve.at(Place(*p)).is_none());
         places.min_by_key(|p| (p - here).abs()).map(Place)
