@@ -131,9 +131,10 @@ impl Climb {
     /// Of the tops that may be the best, the farthest from one side. All local maxima lie within the trap radius of the peak: so
     /// does the peak of this one.
     fn first(&self, curve: &Curve, best: Place, side: Side) -> Place {
-        let (from, to) = (Place(best.0 - self.lengths.trap), Place(best.0 + self.lengths.trap));
+        let (far, near) = (best.0 - side.sign() * self.lengths.trap, best.0 + side.sign() * STRIDE);
+        let (from, to) = (Place(far.min(near)), Place(far.max(near)));
         let tops = peak::rivals(curve, from, to).map(|(place, _)| place);
-        tops.min_by_key(|place| place.0 * side.sign()).map_or(best, |place| place)
+        tops.min_by_key(|place| place.0 * side.sign()).unwrap_or(best)
     }
 
     /// Whether a side needs no more looking at.
