@@ -71,12 +71,7 @@ fn is_local_maximum(curve: &Curve, place: Place) -> bool {
 
 /// The parabola's top at a place whose neighbours are not higher.
 pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
-    let middle = curve.at(place)?;
-    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
-    if low.mean > middle.mean || high.mean > middle.mean {
-        return None;
-    }
-    let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
+    let Crest { middle, low, high, drop } = crest(curve, place)?;
     let width = high.x - low.x;
     let halves = width <= f64::from(STRIDE);
     let (mut peak, mut hidden) = (parabola(middle, low, high), HIDDEN);
@@ -96,13 +91,50 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
     Some(Peak { error: hidden * drop * halfway * halfway * apart * apart, ..peak })
 }
 
-/// The tops between two places that may be the highest, each with its place, by what is known of them.
-pub fn rivals(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
-    let tops = move || (from.0..=to.0).filter_map(move |p| top(curve, Place(p)).map(|top| (Place(p), top)));
-    let highest = tops().map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
-    let least = highest.map_or(0.0, |h| h.value - h.error);
-    let noise = 3.0 * curve.noise().relative() * magnitude(least);
-    tops().filter(move |(_, t)| t.value + t.error + noise >= least)
+/// Tops that are weighed against each other.
+pub type Rivals = heapless::Vec<(Place, Peak), 8>;
+
+/// The tops between two places that may be the highest by what is known of them, each with its place; none if only one
+/// comes into question. Without noise only.
+pub fn rivals(curve: &Curve, from: Place, to: Place) -> Rivals {
+    let mut rivals = Rivals::new();
+    let Some((best, highest)) = curve.best() else { return rivals };
+    let noise = 3.0 * curve.noise().relative() * magnitude(highest);
+    // A parabola's top lies at most an eighth of its drop above the middle: a bound that takes no division.
+    let least = highest - crest(curve, best).map_or(0.0, |c| HIDDEN * c.drop) - noise;
+    for place in (from.0..=to.0).map(Place) {
+        if crest(curve, place).is_some_and(|c| c.middle.mean + (0.125 + HIDDEN) * c.drop >= least) {
+            // More than fit are no real curve; the first ones bound the way.
+            let _ = rivals.push((place, Peak { at: 0.0, value: 0.0, error: 0.0, window: 1 }));
+        }
+    }
+    if rivals.len() < 2 {
+        rivals.clear();
+        return rivals;
+    }
+    for (place, peak) in &mut rivals {
+        *peak = top(curve, *place).unwrap_or(*peak);
+    }
+    let highest = rivals.iter().map(|(_, t)| *t).reduce(|a, b| if b.value > a.value { b } else { a });
+    let least = highest.map_or(0.0, |h| h.value - h.error) - noise;
+    rivals.retain(|(_, t)| t.value + t.error >= least);
+    rivals
+}
+
+/// A place whose neighbours are not higher, and how far they lie below it together.
+struct Crest {
+    middle: Cell,
+    low: Cell,
+    high: Cell,
+    drop: f64,
+}
+
+fn crest(curve: &Curve, place: Place) -> Option<Crest> {
+    let middle = curve.at(place)?;
+    let low = beside(curve, place, -1).filter(|low| low.mean <= middle.mean)?;
+    let high = beside(curve, place, 1).filter(|high| high.mean <= middle.mean)?;
+    let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
+    Some(Crest { middle, low, high, drop })
 }
 
 /// The nearest known cell on one side.
