@@ -51,16 +51,6 @@ fn check(case: &Case) {
         assert_eq!(steps.len(), *n as usize, "count of axis {axis}");
         assert_eq!(bench.engine.steps(axis), *n as i32);
         assert!(!bench.engine.busy(axis));
-        if std::env::var("SHOW").is_ok() {
-            let mut p = begin;
-            for s in &steps {
-                eprintln!("axis {axis}: {} +{}", s.0 - begin, s.0 - p);
-                p = s.0;
-            }
-            for p in path.stretches() {
-                eprintln!("{p:?}");
-            }
-        }
         for (k, (tick, up)) in steps.iter().enumerate() {
             assert!(*up);
             let t = i128::from(*tick) - i128::from(begin);
@@ -132,29 +122,7 @@ fn the_top_rate_of_either_kind() {
     check(&Case { tj: 840_000, ta: 15_000_000, tv: 3_000_000, steps: vec![n as u32], both: true });
 }
 
-#[test]
-fn tmp_spans() {
-    let path = Path::of_durations(1.0, 20_113, 0, 3_628);
-    let lane = Lane {
-        begin: 0,
-        path,
-        scale: 4.0,
-        up: true,
-        base: 0,
-        offset: 0.0,
-        limits: Limits { v: 1.0, a: 1.0, j: 1.0 },
-        play: Default::default(),
-    };
-    for p in lane.phases() {
-        eprintln!("{p:?}");
-        let mut place = p.place();
-        while place.index < p.steps {
-            let s = p.span(&mut place, &[0; 512]);
-            eprintln!("   {} {:?} {place:?}", s.time as f64 / 4294967296.0, s);
-        }
-    }
-}
-
+/// From the far end of a stretch, where the acceleration is none, the search for an edge once stopped 20 ticks short.
 #[test]
 fn a_few_steps_of_two_axes_in_no_time() {
     check(&Case { tj: 20_113, ta: 0, tv: 3_628, steps: vec![5, 4], both: true });

@@ -23,7 +23,7 @@ const TICKS: f64 = crate::trace::TICK_HZ as f64;
 
 /// The vibration: steps from the middle to a turning point, Hz, cycles.
 const AMPLITUDE: u32 = 120;
-const FREQUENCY: f32 = 37.0;
+const FREQUENCY: f32 = 17.0;
 const CYCLES: u16 = 3;
 
 /// Alike but for their edges: the longest way then rules all axes, and its durations are everybody's.

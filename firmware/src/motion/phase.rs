@@ -116,9 +116,10 @@ impl Cubic {
             let ticks = off * scale * power(-32);
             let change = fixed(ticks);
             time = time.saturating_add_signed(if self.reversed { -change } else { change }).min(end);
-            // What Newton leaves of an error d is d² · s''/2s' at most about.
-            let left = ticks * ticks * (slope.a * slope.m) / scale;
-            if left > -0.02 && left < 0.02 && ticks > -4096.0 && ticks < 4096.0 {
+            // What Newton leaves of an error d is d² · (s″ + d · s‴) / 2s′ at most about.
+            let d = ticks * power(-(self.shift as i32));
+            let left = d * ticks * slope.m * (slope.a.abs() + (slope.j * d).abs());
+            if left.abs() < 0.02 && ticks.abs() < 4096.0 {
                 break;
             }
         }
