@@ -5,6 +5,7 @@
 //! Nothing here knows the hardware: see [`crate::ports::Board`] and [`engine::StepTimers`].
 
 mod backlash;
+mod camera;
 mod edges;
 pub mod engine;
 mod facade;

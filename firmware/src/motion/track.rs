@@ -206,7 +206,8 @@ impl Track {
         if (record.ccr2 != 0) != self.pulse.inverted { 1 } else { -1 }
     }
 
-    fn steps_of(&self, record: &Record, was_high: bool) -> i32 {
+    /// Steps that a record makes, signed.
+    pub fn steps_of(&self, record: &Record, was_high: bool) -> i32 {
         let rise = record.starts_high();
         let edges = if self.pulse.both {
             i32::from(rise != was_high) + i32::from(rise && !record.ends_high())
