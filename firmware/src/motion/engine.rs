@@ -339,7 +339,7 @@ impl Engine {
     /// Declares the count of an axis at rest.
     pub fn set_steps(&mut self, axis: usize, steps: i32) {
         if let Some(track) = self.tracks.get_mut(axis) {
-            track.issued = steps;
+            track.set_steps(steps);
         }
     }
 
