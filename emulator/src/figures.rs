@@ -45,9 +45,13 @@ pub struct Figures {
     /// Greatest distance of a camera pulse from its step, ticks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trigger_jitter_ticks: Option<u64>,
-    /// The board's decision after a scan's sample, µs: instructions × 1.5 at 168 MHz, interrupts included; the slowest.
+    /// The board's decision after a scan's sample, µs: instructions × 1.5 at 168 MHz, interrupts included; the slowest but for the
+    /// last, which judges the whole curve.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_decision_us: Option<f64>,
+    /// The same until the next move is planned and the answer queued.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_to_move_us: Option<f64>,
     /// From a sample sent over USB to the answer, by when the next move is decided: the slowest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_round_trip_ms: Option<f64>,

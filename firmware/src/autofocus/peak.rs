@@ -68,11 +68,13 @@ fn is_local_maximum(curve: &Curve, place: Place) -> bool {
 
 /// The parabola's top at a place whose neighbours are not higher.
 pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
-    let middle = curve.at(place)?;
-    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
-    if low.mean > middle.mean || high.mean > middle.mean {
+    // Most places are no top: that is found out by their values alone, compared without software floats.
+    let value = curve.mean(place)?;
+    if [-1, 1].iter().any(|sign| value_beside(curve, place, *sign).is_none_or(|v| v.total_cmp(&value).is_gt())) {
         return None;
     }
+    let middle = curve.at(place)?;
+    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
     let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
     let peak = parabola(middle, low, high);
     if high.x - low.x > 4.0 * f64::from(STRIDE)
@@ -91,6 +93,11 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
 /// The nearest known cell on one side.
 fn beside(curve: &Curve, place: Place, sign: i32) -> Option<Cell> {
     (1..=APART).find_map(|d| curve.at(Place(place.0 + d * sign)))
+}
+
+/// The value of [`beside`].
+fn value_beside(curve: &Curve, place: Place, sign: i32) -> Option<f64> {
+    (1..=APART).find_map(|d| curve.mean(Place(place.0 + d * sign)))
 }
 
 /// The extremum of the parabola through three cells; the middle one where it has none between the others.

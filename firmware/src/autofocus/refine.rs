@@ -4,8 +4,9 @@
 //! best, as many as the way made allows.
 
 use super::curve::{Curve, Place, STRIDE, Side, magnitude};
-use super::peak;
+use super::peak::{self, Peak};
 use super::search::{Next, Search};
+use heapless::Vec;
 
 /// Frames that a scan may take beyond two for each sample step of its way: averaging is not free.
 const ALLOWANCE: i64 = 90;
@@ -21,6 +22,9 @@ const ROUNDS: u8 = 4;
 
 /// Revisits for a look at the light, if there is no noise to be averaged.
 const LOOKS: u32 = 3;
+
+/// Tops kept while they are compared.
+const TOPS: usize = 16;
 
 /// Frames that may still be taken.
 pub fn allowance(curve: &Curve) -> i64 {
@@ -63,7 +67,12 @@ impl Refine {
         let Some((from, to)) = Self::window(curve, self.trap) else { return Next::Enough };
         let here = curve.here().0;
         let sigma = curve.noise().relative();
-        let tops = || (from.0..=to.0).filter_map(|p| peak::top(curve, Place(p)).map(|top| (p, top)));
+        let all = || (from.0..=to.0).filter_map(|p| peak::top(curve, Place(p)).map(|top| (p, top)));
+        // A quiet curve has few tops: they are kept. Were there more, they are found again.
+        let mut kept: Vec<(i32, Peak), TOPS> = Vec::new();
+        let fits = all().all(|top| kept.push(top).is_ok());
+        let rest = || (!fits).then(|| all().skip(kept.len())).into_iter().flatten();
+        let tops = || kept.iter().copied().chain(rest());
         let Some(best) = tops().map(|(_, t)| t.value).reduce(|a, b| if b > a { b } else { a }) else {
             return Next::Enough;
         };

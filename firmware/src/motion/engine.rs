@@ -328,7 +328,8 @@ impl Engine {
 
     /// Steps at the output, as the interrupt last saw it.
     pub fn steps(&self, axis: usize) -> i32 {
-        self.tracks.get(axis).map_or(0, |t| t.played(None))
+        // With the last edge out, nothing has to be counted back.
+        self.tracks.get(axis).map_or(0, |t| if t.out() { t.issued } else { t.played(None) })
     }
 
     /// Steps that will be out when the records laid are played.
