@@ -1,19 +1,8 @@
 //! When a frame was exposed: by the camera's own word, or by its pace and a calibrated latency.
 
 use crate::frames::camera::Stamp;
-use crate::frames::pacing::{Edge, FrameClock, Pacing};
+use crate::frames::pacing::{FrameClock, Latency, Pacing};
 use parfocal_protocol::units::HostTime;
-
-/// From the middle of a frame's exposure to its arrival at one edge of the camera's delivery; see [`Pacing`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Latency {
-    /// How late, µs.
-    pub late_us: f64,
-    /// Time between frames when it was measured, µs: a camera set to another rate has another latency.
-    pub period_us: f64,
-    /// Counted to the fastest arrivals, or to the last ones.
-    pub edge: Edge,
-}
 
 /// By how much a camera's period may differ from the one its latency was calibrated at.
 const OTHER_PACE: f64 = 0.02;
@@ -113,6 +102,7 @@ impl Dating {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frames::pacing::Edge;
 
     fn stamp(number: u64, exposure: Option<(u64, u64)>) -> Stamp {
         let exposure = exposure.map(|(a, b)| (HostTime(a), HostTime(b)));

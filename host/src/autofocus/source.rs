@@ -1,10 +1,11 @@
 //! Where focus values come from: a camera's frames, or a recording ([`super::recorded`]).
 
-use super::dating::{Dating, Latency, Undated};
+use super::dating::{Dating, Undated};
 use super::run::Progress;
 use crate::focus::quality::Quality;
 use crate::focus::{self, Measure};
 use crate::frames::camera::{Camera, CameraError, Stamp};
+use crate::frames::pacing::Latency;
 use crate::link::transport::later;
 use crate::picture::{PictureError, Roi, View};
 use parfocal_protocol::autofocus::FrameFault;

@@ -1,8 +1,7 @@
 //! What `rig.toml` holds, key by key. Lengths are µm and angles degrees, as the keys' names say.
 
 use super::names::{BoardId, Coordinate, Device, ManipulatorNumber};
-use crate::autofocus::Latency;
-use crate::frames::pacing::Edge;
+use crate::frames::pacing::{Edge, Latency};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
