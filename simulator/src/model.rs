@@ -2,7 +2,8 @@
 
 use crate::camera::CameraTiming;
 use crate::mechanics::Stage;
-use parfocal_protocol::settings::AxisSettings;
+use crate::scene::Optics;
+use parfocal_protocol::settings::{AxisSettings, Side};
 use parfocal_protocol::units::{
     AXES, Axis, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds,
     Nanometres, StepsPerMicrometre,
@@ -69,6 +70,21 @@ pub struct CameraModel {
     pub read_noise: f64,
 }
 
+/// An objective on the virtual turret.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectiveModel {
+    /// What is engraved on it.
+    pub name: &'static str,
+    /// Size of its pixel in pixels of the first objective (α of the calibration).
+    pub alpha: f64,
+    /// Where it looks, from where the first one does, µm (κ).
+    pub kappa_um: [f64; 3],
+    /// How it blurs.
+    pub optics: Optics,
+    /// Its depth of field, µm.
+    pub depth_of_field_um: f64,
+}
+
 /// A whole virtual rig. Board 0 is the microscope (x, y, z move the objective), board n manipulator n.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigModel {
@@ -78,8 +94,10 @@ pub struct RigModel {
     pub boards: Vec<BoardModel>,
     /// The manipulators.
     pub manipulators: Vec<ManipulatorModel>,
-    /// The camera.
+    /// The camera, its matrix as the first objective sees it.
     pub camera: CameraModel,
+    /// The turret; the first objective is in the light path at the start.
+    pub objectives: Vec<ObjectiveModel>,
     /// Time that bytes take between host and board, µs.
     pub link_us: u64,
 }
@@ -94,9 +112,15 @@ fn fine(low_um: i32, high_um: i32) -> AxisSettings {
         low: Nanometres(low_um * 1000),
         high: Nanometres(high_um * 1000),
         settling: Milliseconds(15),
+        home: Some(Side::Low),
+        home_at: Nanometres(low_um * 1000 - BEYOND_NM),
+        has_switches: true,
         ..AxisSettings::default()
     }
 }
+
+/// Limit switches lie so far beyond the soft limits.
+pub const BEYOND_NM: i32 = 50_000;
 
 /// Settings of the virtual x and y axes and of the manipulators: 1/16 µm a step.
 fn coarse() -> AxisSettings {
@@ -106,12 +130,14 @@ fn coarse() -> AxisSettings {
         acceleration: MicrometresPerSecond2(20_000.0),
         low: Nanometres(-10_000_000),
         high: Nanometres(10_000_000),
+        home_speed: MicrometresPerSecond(2000.0),
+        home_at: Nanometres(-10_000_000 - BEYOND_NM),
         ..fine(0, 0)
     }
 }
 
 impl RigModel {
-    /// The rig that `parfocal` works on without a port: a microscope with a 40x objective, a camera, and two manipulators
+    /// The rig that `parfocal` works on without a port: a microscope with a 40x and a 20x objective, a camera, and two manipulators
     /// whose axes are as oblique as a real pair's (59.7°, `data/acq4_manipulator_points` in docs/data.md).
     pub fn new(seed: u64) -> Self {
         let stage = Stage { backlash_um: 0.0, lag_ms: 2.0 };
@@ -147,6 +173,22 @@ impl RigModel {
                 shot_noise: 0.01,
                 read_noise: 0.001,
             },
+            objectives: vec![
+                ObjectiveModel {
+                    name: "40x",
+                    alpha: 1.0,
+                    kappa_um: [0.0; 3],
+                    optics: Optics::WATER_40X,
+                    depth_of_field_um: 1.0,
+                },
+                ObjectiveModel {
+                    name: "20x",
+                    alpha: 2.013,
+                    kappa_um: [7.4, -4.2, 3.1],
+                    optics: Optics::DRY_20X,
+                    depth_of_field_um: 2.6,
+                },
+            ],
             link_us: 300,
         }
     }
@@ -157,6 +199,7 @@ impl RigModel {
             && let (Some(low), Some(high)) = (low.nanometres(), high.nanometres())
         {
             (axis.settings.low, axis.settings.high) = (low, high);
+            axis.settings.home_at = Nanometres(low.0.saturating_sub(BEYOND_NM));
         }
     }
 

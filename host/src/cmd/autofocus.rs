@@ -1,6 +1,6 @@
 //! `parfocal autofocus`: brings an axis into focus and says how.
 
-use super::camera::{CameraAddress, Recorded, Region, simulated_region};
+use super::camera::{CameraAddress, Recorded, Region, sharpest_of, simulated_region};
 use super::connection::{Bench, Connection, Purpose};
 use super::{Output, interrupt, simulated};
 use anyhow::{Context, bail};
@@ -9,6 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::autofocus::source::FocusSource;
 use parfocal::autofocus::{CameraSource, Plan, Progress, Sample, Scanned, Span, focus, plot};
 use parfocal::focus::Measure;
+use parfocal::frames::address::CAREFUL_LATENCY;
+use parfocal::frames::camera::Camera;
 use parfocal::link::explain::scan_refusal;
 use parfocal::rig::AxisName;
 use parfocal_protocol::autofocus::{Mode, Outcome, Strategy, Subject};
@@ -23,8 +25,8 @@ pub struct Arguments {
     /// The axis that moves: the lens, or a manipulator's z
     #[arg(long, default_value = "scope.z", value_name = "AXIS")]
     axis: AxisName,
-    /// Where frames come from: sim[?fps=N&exposure_ms=N&delay_ms=LO..HI&stamps=exposure|arrival], stack:DIR or
-    /// curve:FILE.csv[?noise=REL&seed=N]
+    /// Where frames come from: sim[?fps=N&exposure_ms=N&delay_ms=LO..HI&stamps=exposure|arrival], stack:DIR,
+    /// curve:FILE.csv[?noise=REL&seed=N]; of a real rig exec:COMMAND, y4m:FILE or folder:DIR
     #[arg(long, value_name = "SOURCE")]
     camera: Option<CameraAddress>,
     /// Where to begin, µm on the axis [default: where it is; a stack's or curve's middle]
@@ -165,11 +167,14 @@ impl Arguments {
         let plan = self.plan(recorded.as_ref());
         let mut source: Box<dyn FocusSource> = match (recorded, &bench.simulated) {
             (Some(recorded), _) => recorded.source,
+            (None, Some(_)) if matches!(self.camera, Some(CameraAddress::Live(_))) => {
+                bail!("a real camera does not see the simulated rig: name the board with --port or --rig")
+            }
             (None, Some(rig)) => {
                 let roi = simulated_region(rig, self.roi)?;
                 Box::new(CameraSource::new(rig.camera(), roi, self.measure, connection.latency()?))
             }
-            (None, None) => bail!("a real board needs a --camera: stack:DIR or curve:FILE.csv"),
+            (None, None) => Box::new(self.live(connection, &mut bench)?),
         };
         let bar = bar();
         let mut show = |progress: Progress| match progress {
@@ -187,6 +192,22 @@ impl Arguments {
         bar.finish_and_clear();
         bench.stage.close();
         Ok(scanned?)
+    }
+
+    /// A real camera's values. A stop for every frame makes do with a careful guess of how late frames come; a sweep needs
+    /// the calibrated latency.
+    fn live(&self, connection: &Connection, bench: &mut Bench) -> anyhow::Result<CameraSource<Box<dyn Camera>>> {
+        let Some(CameraAddress::Live(address)) = &self.camera else {
+            bail!("a real board needs a --camera: docs/cameras.md has examples")
+        };
+        let latency = matches!(self.mode, ModeName::Step).then_some(CAREFUL_LATENCY);
+        let mut camera = address.open(latency)?.with_context(|| format!("{address} is no camera of a real rig"))?;
+        let roi = match self.roi {
+            Some(Region::Drawn(roi)) => Some(roi),
+            Some(Region::All) => None,
+            None | Some(Region::Sharpest) => sharpest_of(camera.as_mut(), bench.stage.now())?,
+        };
+        Ok(CameraSource::new(camera, roi, self.measure, connection.latency()?))
     }
 
     fn plan(&self, recorded: Option<&Recorded>) -> Plan {

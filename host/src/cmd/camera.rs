@@ -7,6 +7,7 @@ use parfocal::autofocus::recorded::{CurveSource, StackSource};
 use parfocal::autofocus::source::FocusSource;
 use parfocal::focus::Measure;
 use parfocal::focus::region::sharpest_tile;
+use parfocal::frames::address;
 use parfocal::frames::camera::Camera;
 use parfocal::frames::curve::Curve;
 use parfocal::frames::stack::Stack;
@@ -26,6 +27,8 @@ pub enum CameraAddress {
     Stack(PathBuf),
     /// A curve, with its options.
     Curve(String),
+    /// A camera that delivers by itself: a program's output, a recording.
+    Live(address::CameraAddress),
 }
 
 impl FromStr for CameraAddress {
@@ -37,7 +40,7 @@ impl FromStr for CameraAddress {
             _ if kind == "sim" => Ok(Self::Simulated(timing(options)?)),
             Some(("stack", path)) if !path.is_empty() => Ok(Self::Stack(path.into())),
             Some(("curve", address)) if !address.is_empty() => Ok(Self::Curve(address.into())),
-            _ => Err("write sim, stack:DIR or curve:FILE.csv".into()),
+            _ => s.parse().map(Self::Live).map_err(|e: address::NoCamera| e.to_string()),
         }
     }
 }
@@ -167,7 +170,7 @@ impl Recorded {
         start: Option<Micrometres>,
     ) -> anyhow::Result<Option<Self>> {
         match address {
-            None | Some(CameraAddress::Simulated(_)) => Ok(None),
+            None | Some(CameraAddress::Simulated(_) | CameraAddress::Live(_)) => Ok(None),
             Some(CameraAddress::Stack(path)) => {
                 let stack = Stack::open(path)?;
                 if let Some(note) = stack.note {
