@@ -76,7 +76,6 @@ fn regions_and_pictures_too_small_to_measure() {
             .save(tiny.path().join(format!("{plane}.png")))
             .unwrap();
     }
-    // One pixel is alike everywhere: blank, whatever the measure.
     let output =
         parfocal().args(["autofocus", "--camera", &format!("stack:{}", tiny.path().display())]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));

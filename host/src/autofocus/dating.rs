@@ -87,6 +87,14 @@ impl Dating {
         }
     }
 
+    /// For a camera that is known to tell nothing and was never calibrated: until when what arrives shows the world before
+    /// `since`.
+    pub fn stale_until(&self, since: HostTime) -> Option<HostTime> {
+        let guessed = self.latency.is_none() && !self.told && self.pacing.frames() > 0;
+        let period = self.pacing.period_us().unwrap_or(0.0).max(0.0) as u64;
+        guessed.then(|| HostTime(since.0.saturating_add(UNKNOWN_US).saturating_sub(period)))
+    }
+
     fn paced(&self, number: u64) -> Result<(HostTime, FrameClock), Undated> {
         let latency = self.latency.ok_or(Undated::Uncalibrated)?;
         let clock = self.pacing.clock(latency.edge).ok_or(Undated::TooEarly)?;
