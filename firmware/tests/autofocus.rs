@@ -293,6 +293,9 @@ fn parameters_that_make_no_sense_are_refused_by_name() {
         assert_eq!(refused(ScanParameters { speed: MicrometresPerSecond(speed), ..good }, 0), Some(Field::Speed));
     }
     assert_eq!(refused(ScanParameters { sample_timeout: Milliseconds(0), ..good }, 0), Some(Field::SampleTimeout));
+    let wide = ScanParameters { mode: Mode::Sweep, low: Nanometres(-200_000), high: Nanometres(200_000), ..good };
+    assert_eq!(refused(wide, 0), Some(Field::SampleStep), "a sweep keeps its whole range");
+    assert_eq!(refused(ScanParameters { sample_step: Nanometres(1_600), ..wide }, 0), None);
 }
 
 #[test]
@@ -302,7 +305,8 @@ fn a_scan_fits_the_board() {
 
 /// A sweep: samples every `gap` µm that come `late` samples after they were exposed.
 fn sweep(start_um: f64, gap: i32, late: usize, noise: f64) -> (Outcome, Summary) {
-    let p = ScanParameters { mode: Mode::Sweep, ..parameters(200) };
+    // All of its range has to be kept.
+    let p = ScanParameters { mode: Mode::Sweep, sample_step: Nanometres(1_600), ..parameters(200) };
     let mut z = Nanometres((start_um * 1000.0) as i32);
     let mut g = Noise(9);
     let mut value = |z: Nanometres| Ok(FocusValue(peak(z.micrometres().0, 30.0, 9.0) * (1.0 + noise * g.next())));
