@@ -214,7 +214,7 @@ impl Scan {
     }
 
     fn reach(&mut self, z: Nanometres) {
-        self.travel = self.travel.saturating_add((z.0 - self.here.0).saturating_abs());
+        self.travel = self.travel.saturating_add(z.0.saturating_sub(self.here.0).saturating_abs());
         self.here = z;
     }
 
