@@ -255,10 +255,11 @@ impl<'a> Guard<'a> {
     fn way(&self, n: ManipulatorNumber, from: &Pose, to: &Pose, around_um: f64) -> Way {
         let (start, end) = (from.joints(n), to.joints(n));
         match self.tips[&n] {
-            Tip::Registered(arm) => Way { from: arm.tip(start), to: arm.tip(end), around_um },
+            Tip::Registered(arm) => Way { from: arm.tip(start), to: arm.tip(end), around_um, around_now_um: around_um },
             Tip::Seen { at, joints } => {
                 let reach = |p: Point<Man>| LONGEST * (p - joints).coordinates.abs().sum();
-                Way { from: at, to: at, around_um: around_um + reach(start).max(reach(end)) }
+                let now = reach(start);
+                Way { from: at, to: at, around_um: around_um + now.max(reach(end)), around_now_um: around_um + now }
             }
         }
     }
