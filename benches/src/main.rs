@@ -2,6 +2,7 @@
 //! One file a bench.
 
 mod autofocus;
+mod page;
 mod ransac;
 
 use clap::{Parser, Subcommand};
@@ -18,6 +19,8 @@ struct Arguments {
 enum Bench {
     /// Scans for focus on generated curves.
     Autofocus(autofocus::Arguments),
+    /// Pictures for the operator page while a scan runs
+    Page(page::Arguments),
     /// Robust registration of points of which some are wrong
     Ransac(ransac::Arguments),
 }
@@ -25,6 +28,7 @@ enum Bench {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().bench {
         Bench::Autofocus(arguments) => autofocus::run(&arguments),
+        Bench::Page(arguments) => page::run(&arguments),
         Bench::Ransac(arguments) => ransac::run(&arguments),
     }
 }

@@ -12,6 +12,9 @@ pub const STRIDE: i32 = 2;
 /// Sample steps over which the level at an end of the curve is averaged.
 const END: i32 = 8;
 
+/// Frames within this part of a place of each other show the same.
+const SAME: f64 = 0.05;
+
 /// A place on the scan's grid: the start plus this many half sample steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place(pub i32);
@@ -251,6 +254,8 @@ impl Curve {
         } else {
             let before = slot.mean;
             let scale = magnitude(before);
+            // In a sweep the next frame lies a little further on the slope: no noise, either.
+            let again = magnitude(f64::from(off - slot.off)) < SAME;
             slot.frames = slot.frames.saturating_add(1);
             slot.mean += (value - slot.mean) / f64::from(slot.frames);
             slot.off += (off - slot.off) / f32::from(slot.frames);
@@ -258,7 +263,7 @@ impl Curve {
                 // A return: tells of drifting light, not of noise.
                 self.revisits.frames += 1;
                 self.revisits.mean += ((value - before) / scale - self.revisits.mean) / f64::from(self.revisits.frames);
-            } else {
+            } else if again {
                 let after = slot.mean;
                 self.noise.add(value, before, after, scale);
             }

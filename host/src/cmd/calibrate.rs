@@ -1,6 +1,7 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
 mod camera;
+mod latency;
 mod moves;
 mod objective;
 mod pipette;
@@ -36,6 +37,8 @@ enum Action {
     Objective(objective::Objective),
     /// A pipette's direction: descent and azimuth
     Pipette(pipette::Pipette),
+    /// How late the camera's frames come, for sweeps with one that does not tell when it exposes
+    Latency(Box<latency::Latency>),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
     /// The objective's height after a turn of the coarse focus knob
@@ -50,6 +53,7 @@ pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow
         Action::Registration(registration) => registration.run(connection, out),
         Action::Objective(objective) => objective.run(connection, out),
         Action::Pipette(pipette) => pipette.run(connection, out),
+        Action::Latency(latency) => latency.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
@@ -141,7 +145,7 @@ impl Solving {
 }
 
 /// The time, RFC 3339.
-fn now() -> String {
+pub(super) fn now() -> String {
     humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
 }
 

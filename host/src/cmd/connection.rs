@@ -144,6 +144,16 @@ impl Connection {
         Ok(Stage::new(links, axes))
     }
 
+    /// The latency of the rig's camera, if it was calibrated.
+    ///
+    /// # Errors
+    /// What is wrong with the rig's file.
+    pub fn latency(&self) -> anyhow::Result<Option<parfocal::autofocus::Latency>> {
+        let Some(path) = &self.rig else { return Ok(None) };
+        let rig = Rig::load(path).with_context(|| path.display().to_string())?;
+        Ok(rig.contents().camera.as_ref().and_then(|c| c.latency.as_ref()).map(|l| l.in_force()))
+    }
+
     fn ports(&self, rig: Option<&Rig>) -> anyhow::Result<Vec<String>> {
         if !self.port.is_empty() {
             return Ok(self.port.clone());

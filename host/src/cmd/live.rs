@@ -204,7 +204,7 @@ impl<'a> Room<'a> {
         match (&self.live.camera, simulated) {
             (None | Some(CameraAddress::Simulated), Some(rig)) => Ok(Box::new(rig.camera())),
             (Some(address), _) => address
-                .open(Duration::from_millis(self.live.camera_latency_ms))?
+                .open(Some(Duration::from_millis(self.live.camera_latency_ms)))?
                 .with_context(|| format!("{address} is a recording, or belongs to the simulated rig: a live procedure needs a live camera")),
             (None, None) => bail!("a real rig needs a --camera: docs/cameras.md has examples"),
         }

@@ -48,9 +48,11 @@ pub fn routes() -> Router<App> {
         .route("/look", post(look))
         .route("/camera/restart", post(restart))
         .route("/emergency/clear", post(clear))
+        .nest("/calibration", super::api_calibration::routes())
 }
 
-type Answer = Result<Json<Value>, Failure>;
+/// What a request comes to.
+pub type Answer = Result<Json<Value>, Failure>;
 
 /// The operator's key: without it nothing moves.
 pub struct Operator;
@@ -74,7 +76,7 @@ async fn curve(State(app): State<App>) -> Json<Value> {
     let curve = app.desk.curve().clone();
     Json(json!({
         "scan": curve.id, "axis": curve.axis, "samples": curve.samples,
-        "focused_um": curve.focused_um, "refused": curve.refused,
+        "latency_us": curve.latency_us, "focused_um": curve.focused_um, "refused": curve.refused,
     }))
 }
 

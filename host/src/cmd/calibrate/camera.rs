@@ -109,6 +109,7 @@ impl Camera {
             crop_px: None,
             binning: 1,
             calibration: None,
+            latency: None,
         });
         camera.calibration = Some(CameraCalibration {
             matrix_um_per_px: [[a[(0, 0)], a[(0, 1)]], [a[(1, 0)], a[(1, 1)]]],
