@@ -90,6 +90,7 @@ impl Objective {
     /// The default objective and those to calibrate against it, as the rig's file has them.
     fn plan(&self, room: &Room<'_>) -> anyhow::Result<ObjectivePlan> {
         let rig = room.known()?;
+        self.matrix(Some(&rig))?;
         let default = self.default_name(Some(&rig), &[])?;
         let known: Vec<String> = rig.contents().objectives.keys().cloned().collect();
         if let Some(unknown) = self.through.iter().chain([&default]).find(|name| !known.contains(name)) {
