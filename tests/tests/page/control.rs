@@ -106,7 +106,7 @@ fn anyone_may_stop_a_move_and_a_scan() {
     assert_eq!(stop().status, 200);
     let state = served.until("it stops", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
     assert!(state["axes"][0]["position_um"].as_f64().unwrap() < 8900.0);
-    assert_eq!(state["axes"][0]["trust"], "known");
+    assert_ne!(state["axes"][0]["trust"], "lost");
 
     assert_eq!(served.post("/api/autofocus", &json!({ "strategy": "scan" })).status, 200);
     served.until("it scans", 20, |s| s["focus"]["samples"].as_u64() > Some(5));

@@ -57,9 +57,9 @@ fn other_pages_and_other_names_move_nothing() {
     let bad: Vec<Vec<(&str, &str)>> = vec![
         vec![("origin", "http://evil.example")],
         vec![("origin", "null")],
-        vec![("origin", &other_port)],
-        vec![("host", &rebound)],
-        vec![("host", &rebound), ("origin", &own)],
+        vec![("origin", other_port.as_str())],
+        vec![("host", rebound.as_str())],
+        vec![("host", rebound.as_str()), ("origin", own.as_str())],
         vec![("host", "")],
         vec![("sec-fetch-site", "cross-site")],
         vec![("sec-fetch-site", "same-site")],
