@@ -144,7 +144,11 @@ fn camera_and_manipulator_are_calibrated_by_clicks() {
     // Near focus, as a person would begin.
     assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 3.0 }, "wait": true }))["ok"], true);
     browser.click("#step-camera");
-    browser.run("const p = document.getElementById('places'); p.value = 3; p.dispatchEvent(new Event('change'))");
+    for (field, value) in [("places", 3), ("within", 6)] {
+        browser.run(&format!(
+            "const f = document.getElementById('{field}'); f.value = {value}; f.dispatchEvent(new Event('change'))"
+        ));
+    }
     browser.click("#begin");
     let state = click_through(&served, &browser);
     assert_eq!(state["calibration"]["ready"], true, "{}", state["calibration"]);
