@@ -39,6 +39,15 @@ pub struct Figures {
     /// The same, three axes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub service_load_3_axes: Option<f64>,
+    /// Greatest distance of a camera pulse from its step, ticks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trigger_jitter_ticks: Option<u64>,
+    /// The board's decision after a scan's sample, µs: instructions × 1.5 at 168 MHz, interrupts included; the slowest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_decision_us: Option<f64>,
+    /// From a sample sent over USB to the answer, by when the next move is decided: the slowest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_round_trip_ms: Option<f64>,
     /// From a stop request to the first slower step, transport included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stop_latency_ms: Option<f64>,

@@ -18,6 +18,7 @@ use rigless::time::VirtualNanos;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -73,6 +74,8 @@ enum Order {
     Hold(bool),
     /// Put a word into RAM.
     Poke { address: u64, value: u32 },
+    /// Put a word into memory that the core only reads.
+    Program { address: u64, value: u32 },
     /// Count instructions between these places.
     Watch(Watch),
     /// That was all.
@@ -146,9 +149,18 @@ impl Machine {
     /// # Errors
     /// When the ELF cannot be read.
     pub fn start(elf: &Path) -> anyhow::Result<Self> {
+        Self::start_with(elf, Arc::default())
+    }
+
+    /// Switches the power on of a board whose flash bank 2 holds what another one left in it.
+    ///
+    /// # Errors
+    /// When the ELF cannot be read.
+    pub fn start_with(elf: &Path, flash: Arc<Mutex<Vec<u8>>>) -> anyhow::Result<Self> {
+        let kept = flash.lock().expect("nothing else runs").clone();
         let program = Program::read(elf)?;
         let image = Image::read(elf, None).map_err(|e| anyhow!("{}: {e}", elf.display()))?;
-        let world = World::default();
+        let world = World { flash, ..World::default() };
         let outside = world.clone();
         let (orders, inbox) = channel();
         let (outbox, answers) = channel();
@@ -175,6 +187,12 @@ impl Machine {
         });
         let mut machine = Self { world, program, orders, answers, thread, nanos: 0, instructions: 0 };
         machine.wait()?;
+        for (word, at) in kept.chunks_exact(4).zip((crate::flash::BANK_2..).step_by(4)) {
+            let value = u32::from_le_bytes([word[0], word[1], word[2], word[3]]);
+            if value != u32::MAX {
+                machine.program(at, value);
+            }
+        }
         Ok(machine)
     }
 
@@ -237,6 +255,11 @@ impl Machine {
         self.tell(Order::Poke { address, value });
     }
 
+    /// Puts a word into flash or system memory, as a programmer on the bench does.
+    pub fn program(&self, address: u64, value: u32) {
+        self.tell(Order::Program { address, value });
+    }
+
     /// Counts passages at an instruction, from now on.
     pub fn watch_instruction(&self, address: u64) {
         self.tell(Order::Watch(Watch::Instruction(address)));
@@ -288,6 +311,7 @@ impl Driver<Nucleo> for Runner {
                 Order::Hold(held) => core.hold(held),
                 // Not RAM: an error of the scenario, which ends the run.
                 Order::Poke { address, value } => core.write(address, Width::W32, value.into()).ok()?,
+                Order::Program { address, value } => core.program(address, Width::W32, value.into()).ok()?,
                 Order::Watch(watch) => session.watch(watch),
                 Order::End => return None,
             }

@@ -226,6 +226,16 @@ fn a_last_look_that_is_blurrier_is_refused() {
 }
 
 #[test]
+fn a_phase_object_that_moved_before_the_last_look_is_refused() {
+    let lobes = |z: f64| 1.0 + 40.0 * (z / 4.0) * (z / 4.0) * (-(z / 4.0) * (z / 4.0)).exp();
+    let p = ScanParameters { subject: Subject::PhaseObject, verify: true, ..parameters(50) };
+    let (outcome, found, z) = play(&p, 10.0, |_, z| Ok(lobes(z)));
+    assert!(outcome == Outcome::Focused && z.abs() < 0.1, "{outcome:?} at {z}");
+    let last = found.frames - 1;
+    refused(&p, 10.0, ScanRefusal::NotReproduced, |k, z| Ok(lobes(if k < last { z } else { z - 4.0 })));
+}
+
+#[test]
 fn an_end_from_outside_returns_to_the_start() {
     let (mut scan, ask) = Scan::begin(&parameters(100), Nanometres(1_000)).unwrap();
     assert_eq!(ask, Ask::Sample { z: Nanometres(1_000) });

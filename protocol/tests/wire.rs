@@ -197,7 +197,8 @@ fn refusals() {
         Refusal::NoHomeSwitch { .. } => 13, Refusal::NoHomeSwitch { axis };
         Refusal::CannotSave => 14, Refusal::CannotSave;
         Refusal::Unsupported => 15, Refusal::Unsupported;
-        Refusal::WrongTime { .. } => 16, Refusal::WrongTime { earliest: BoardTime(1), latest: BoardTime(2) };
+        Refusal::NoTrigger { .. } => 16, Refusal::NoTrigger { axis };
+        Refusal::WrongTime { .. } => 17, Refusal::WrongTime { earliest: BoardTime(1), latest: BoardTime(2) };
     );
     pin!(Field:
         Field::StepsPerUm => 0, Field::StepsPerUm;

@@ -3,7 +3,7 @@
 use crate::camera::CameraTiming;
 use crate::mechanics::Stage;
 use crate::scene::Optics;
-use parfocal_protocol::settings::AxisSettings;
+use parfocal_protocol::settings::{AxisSettings, Side};
 use parfocal_protocol::units::{
     AXES, Axis, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds,
     Nanometres, StepsPerMicrometre,
@@ -81,6 +81,8 @@ pub struct ObjectiveModel {
     pub kappa_um: [f64; 3],
     /// How it blurs.
     pub optics: Optics,
+    /// Its depth of field, µm.
+    pub depth_of_field_um: f64,
 }
 
 /// A whole virtual rig. Board 0 is the microscope (x, y, z move the objective), board n manipulator n.
@@ -110,9 +112,15 @@ fn fine(low_um: i32, high_um: i32) -> AxisSettings {
         low: Nanometres(low_um * 1000),
         high: Nanometres(high_um * 1000),
         settling: Milliseconds(15),
+        home: Some(Side::Low),
+        home_at: Nanometres(low_um * 1000 - BEYOND_NM),
+        has_switches: true,
         ..AxisSettings::default()
     }
 }
+
+/// Limit switches lie so far beyond the soft limits.
+pub const BEYOND_NM: i32 = 50_000;
 
 /// Settings of the virtual x and y axes and of the manipulators: 1/16 µm a step.
 fn coarse() -> AxisSettings {
@@ -122,6 +130,8 @@ fn coarse() -> AxisSettings {
         acceleration: MicrometresPerSecond2(20_000.0),
         low: Nanometres(-10_000_000),
         high: Nanometres(10_000_000),
+        home_speed: MicrometresPerSecond(2000.0),
+        home_at: Nanometres(-10_000_000 - BEYOND_NM),
         ..fine(0, 0)
     }
 }
@@ -164,8 +174,20 @@ impl RigModel {
                 read_noise: 0.001,
             },
             objectives: vec![
-                ObjectiveModel { name: "40x", alpha: 1.0, kappa_um: [0.0; 3], optics: Optics::WATER_40X },
-                ObjectiveModel { name: "20x", alpha: 2.013, kappa_um: [7.4, -4.2, 3.1], optics: Optics::DRY_20X },
+                ObjectiveModel {
+                    name: "40x",
+                    alpha: 1.0,
+                    kappa_um: [0.0; 3],
+                    optics: Optics::WATER_40X,
+                    depth_of_field_um: 1.0,
+                },
+                ObjectiveModel {
+                    name: "20x",
+                    alpha: 2.013,
+                    kappa_um: [7.4, -4.2, 3.1],
+                    optics: Optics::DRY_20X,
+                    depth_of_field_um: 2.6,
+                },
             ],
             link_us: 300,
         }
@@ -177,6 +199,7 @@ impl RigModel {
             && let (Some(low), Some(high)) = (low.nanometres(), high.nanometres())
         {
             (axis.settings.low, axis.settings.high) = (low, high);
+            axis.settings.home_at = Nanometres(low.0.saturating_sub(BEYOND_NM));
         }
     }
 

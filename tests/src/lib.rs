@@ -2,6 +2,7 @@
 
 pub mod http;
 pub mod page;
+pub mod rig;
 pub mod webdriver;
 
 use std::path::PathBuf;

@@ -55,7 +55,22 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 8] = ["serial", "usb", "edges", "scan", "scan-serial", "stop", "stall", "emergency"];
+const EVERY_TIME: [&str; 14] = [
+    "serial",
+    "usb",
+    "edges",
+    "telemetry",
+    "scan",
+    "scan-serial",
+    "trigger",
+    "stop",
+    "stall",
+    "host-lost",
+    "dfu",
+    "power-cycle",
+    "watchdog",
+    "emergency",
+];
 
 impl Step {
     fn run(self) -> anyhow::Result<()> {
@@ -78,7 +93,7 @@ impl Step {
                         .env("RUSTDOCFLAGS", "-D warnings -A rustdoc::private_intra_doc_links"),
                 )
             }
-            // The watchdog and the rates take many minutes more: `cargo xtask emulate` plays them with the rest.
+            // The rates take many minutes more: `cargo xtask emulate` plays them with the rest.
             Self::Emulator => emulate::Arguments::of(&EVERY_TIME).run(),
         }
     }

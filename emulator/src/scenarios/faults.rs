@@ -1,13 +1,14 @@
 //! What must not happen when something goes wrong: a wrong step, or a wrong word about it.
 
+use super::hello::ENABLES;
 use super::{axis_settings, connect, rest};
 use crate::Machine;
 use crate::figures::Figures;
 use crate::talk::{Link, Talk};
 use anyhow::{Context, ensure};
-use parfocal_protocol::message::{Request, ResetCause, Stop, Trust};
+use parfocal_protocol::message::{Request, ResetCause, Stop, StopCause, Trust};
 use parfocal_protocol::settings::{AxisSettings, BoardSettings};
-use parfocal_protocol::units::{Axis, Nanometres, StepsPerMicrometre};
+use parfocal_protocol::units::{Axis, Milliseconds, Nanometres, StepsPerMicrometre};
 use std::path::Path;
 use std::time::Duration;
 
@@ -47,6 +48,8 @@ pub fn stop(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
         };
         talk.ask(&mut board, Request::Stop { how: Stop::Decelerate })?;
         let status = rest(&mut board, &mut talk, ms(10))?;
+        let on: Vec<bool> = ENABLES.iter().map(|pin| Ok(!board.level(*pin)?)).collect::<anyhow::Result<_>>()?;
+        ensure!(on == [true, false, false, false], "one axis moved, and the drivers' enables are {on:?}");
         let trace = board.world.axes[0].lock().expect("turns");
         let rises: Vec<u64> = trace.rises().collect();
         let cruise =
@@ -108,8 +111,65 @@ pub fn stall(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     Ok(format!("{said} stalls of 2 ms, no step lost; longest silence {:.2} ms", longest as f64 / 84_000.0))
 }
 
-/// A part of the program hangs and no longer checks in: the watchdog restarts the board in mid-move, no step comes after, and
-/// the next hello says why.
+/// A host that drives and then says nothing for longer than its timeout: decelerated stop, position kept, told at the next hello,
+/// over the same link or the other one. A host that keeps talking is not lost.
+///
+/// # Errors
+/// When it goes on, stops abruptly, or is not told.
+pub fn host_lost(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    let settings = BoardSettings { host_timeout: Milliseconds(200), ..BoardSettings::default() };
+    talk.ask(&mut board, Request::SetBoard { settings })?;
+    go(&mut board, &mut talk, 900)?;
+    // Kept alive for longer than the timeout.
+    for _ in 0..3 {
+        board.run_for(ms(100))?;
+        let status = talk.status(&mut board)?;
+        ensure!(status.stopped.is_none(), "a host that talks was taken for lost: {:?}", status.stopped);
+    }
+    let heard = board.now();
+    board.run_for(ms(600))?;
+    let (rises, told) = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        (trace.rises().collect::<Vec<u64>>(), trace.position())
+    };
+    let last = rises.last().copied().context("it never moved")?;
+    let silent = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        (last.saturating_sub(trace.tick(rigless::time::VirtualNanos(heard.as_nanos() as u64)))) as f64 / 84_000.0
+    };
+    let (ending, cruise) = (last - rises[rises.len() - 2], rises[1000] - rises[999]);
+    ensure!(silent > 200.0 && silent < 450.0, "its last step came {silent:.0} ms after the host was heard last");
+    ensure!(ending > 3 * cruise, "it stopped abruptly: the last interval was {ending} ticks, in cruise {cruise}");
+    for link in [Link::Serial, Link::Usb] {
+        let mut next = Talk::new(link, 0x3000 + link as u32);
+        let hello = next.hello(&mut board)?;
+        ensure!(hello.last_stop == Some(StopCause::HostLost), "over {link:?} it says {:?}", hello.last_stop);
+        let status = next.status(&mut board)?;
+        ensure!(
+            i64::from(status.axes[0].steps.0) == told,
+            "{told} steps came out, {:?} are told",
+            status.axes[0].steps
+        );
+        ensure!(status.axes[0].trust != Trust::Lost, "the position counts as lost");
+    }
+    board.stop()?.clean()?;
+    Ok(format!(
+        "last step {silent:.0} ms after the last request with a timeout of 200 ms, decelerated, counted and told"
+    ))
+}
+
+/// How the program hangs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Hang {
+    /// One part no longer checks in; the rest goes on, steps too, until the watchdog bites.
+    Part,
+    /// The core spins with its interrupts masked.
+    Core,
+}
+
+/// The program hangs in mid-move, in two ways: the watchdog restarts the board, no step comes after, the next hello says why, the
+/// place is not trusted, and settings survive.
 ///
 /// # Errors
 /// When it does not.
@@ -119,41 +179,54 @@ pub fn watchdog(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     axis_settings(&mut board, &mut talk, 2, kept)?;
     talk.ask(&mut board, Request::Save)?;
     board.run_for(ms(30))?;
-    go(&mut board, &mut talk, 900)?;
-    board.run_for(ms(150))?;
-    // Wiping out what the parts have said is as good as their silence.
-    let checked_in = board.program.address("parfocal_firmware::board::watchdog::SEEN")?;
-    let begin = board.now();
-    let mut last = (edges(&board), board.now());
-    while board.now() < begin + ms(50) {
-        board.poke(checked_in, 0);
-        board.run_for(Duration::from_micros(100))?;
-        if edges(&board) != last.0 {
-            last = (edges(&board), board.now());
-        }
+    let mut said = Vec::new();
+    for (i, hang) in [Hang::Part, Hang::Core].into_iter().enumerate() {
+        go(&mut board, &mut talk, 900)?;
+        board.run_for(ms(60))?;
+        let bitten = hangs(&mut board, hang)?;
+        said.push(bitten.as_secs_f64() * 1e3);
+        let before = edges(&board);
+        board.run_for(ms(60))?;
+        ensure!(edges(&board) == before, "{hang:?}: {} edges came out after the restart", edges(&board) - before);
+        talk = Talk::new(Link::Serial, 0x2222 + i as u32);
+        let hello = talk.hello(&mut board)?;
+        ensure!(hello.reset == ResetCause::Watchdog, "{hang:?}: the hello says that {:?} started it", hello.reset);
+        let found = talk.ask(&mut board, Request::GetAxis { axis: Axis(2) })?;
+        ensure!(
+            matches!(found, parfocal_protocol::message::Response::Axis(s) if s == kept),
+            "{hang:?}: settings saved before did not survive: {found:?}"
+        );
+        let trust = talk.status(&mut board)?.axes[0].trust;
+        ensure!(trust == Trust::Unknown, "{hang:?}: after a reset in motion the position is worth {trust:?}");
     }
-    let bitten = last.1 - begin;
-    ensure!(bitten < ms(50), "after 50 ms it still moves");
-    board.run_for(ms(60))?;
-    ensure!(edges(&board) == last.0, "{} edges came out after the restart", edges(&board) - last.0);
-    let hello = Talk::new(Link::Serial, 0x2222).hello(&mut board)?;
-    ensure!(hello.reset == ResetCause::Watchdog, "the hello says that {:?} started it", hello.reset);
-    let mut talk = Talk::new(Link::Serial, 0x2223);
-    talk.hello(&mut board)?;
-    let found = talk.ask(&mut board, Request::GetAxis { axis: Axis(2) })?;
-    ensure!(
-        matches!(found, parfocal_protocol::message::Response::Axis(s) if s == kept),
-        "settings saved before did not survive: {found:?}"
-    );
-    let status = talk.status(&mut board)?;
-    ensure!(status.axes.iter().all(|a| !a.moving && !a.enabled), "outputs are not inactive: {status:?}");
     let report = board.stop()?;
-    ensure!(report.resets == 1, "it was reset {} times", report.resets);
+    ensure!(report.resets == 2, "it was reset {} times", report.resets);
     report.clean()?;
     Ok(format!(
-        "last edge {:.0} ms after the silence began; restarted, told, settings kept",
-        bitten.as_secs_f64() * 1e3
+        "last edge {:.1} ms after a part fell silent, {:.1} ms after the core hung; restarted, told, settings kept",
+        said[0], said[1]
     ))
+}
+
+/// Lets the program hang until the watchdog has bitten; from then to the last edge.
+fn hangs(board: &mut Machine, hang: Hang) -> anyhow::Result<Duration> {
+    let begin = board.now();
+    let mut last = (edges(board), begin);
+    let checked_in = board.program.address("parfocal_firmware::board::watchdog::SEEN")?;
+    board.hold(hang == Hang::Core);
+    while board.now() < begin + ms(50) {
+        if hang == Hang::Part && last.1 + ms(4) > board.now() {
+            // Wiping out what the parts have said is as good as the silence of one.
+            board.poke(checked_in, 0);
+        }
+        board.run_for(ms(1))?;
+        if edges(board) != last.0 {
+            last = (edges(board), board.now());
+        }
+    }
+    board.hold(false);
+    ensure!(last.1 < begin + ms(48), "{hang:?}: after 50 ms it still moves");
+    Ok(last.1 - begin)
 }
 
 /// The emergency-stop input pressed in mid-move: no step from then on, position counted and flagged.

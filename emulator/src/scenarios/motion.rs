@@ -9,9 +9,9 @@ use crate::trace::Trace;
 use anyhow::{anyhow, ensure};
 use parfocal_firmware::motion::limits::in_ticks;
 use parfocal_firmware::motion::playback::Change;
-use parfocal_protocol::message::Request;
-use parfocal_protocol::settings::AxisSettings;
-use parfocal_protocol::units::{MicrometresPerSecond, MicrometresPerSecond3, Nanometres, StepsPerMicrometre};
+use parfocal_protocol::message::{Event, Request};
+use parfocal_protocol::settings::{AxisSettings, BoardSettings};
+use parfocal_protocol::units::{Hertz, MicrometresPerSecond, MicrometresPerSecond3, Nanometres, StepsPerMicrometre};
 use std::path::Path;
 use std::time::Duration;
 
@@ -73,6 +73,65 @@ pub fn edges(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     figures.edge_jitter_ticks = Some(jitter);
     figures.profile_error_ticks = Some((profile * 1000.0).round() / 1000.0);
     Ok(format!("{steps} steps: jitter {jitter} ticks, {profile:.2} ticks off the exact profile at most"))
+}
+
+/// Telemetry at two rates beside moves of three axes: as often as asked for, true, and no step missed for it.
+///
+/// # Errors
+/// When a position is told late, wrongly, or a step is missing.
+pub fn telemetry(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    let settings = settings();
+    for (axis, settings) in settings.iter().enumerate() {
+        axis_settings(&mut board, &mut talk, axis, *settings)?;
+    }
+    let mut said = Vec::new();
+    let mut target = 0;
+    for hz in [100.0f32, 500.0] {
+        let settings = BoardSettings { telemetry: Hertz(hz), ..BoardSettings::default() };
+        talk.ask(&mut board, Request::SetBoard { settings })?;
+        for axis in &board.world.axes {
+            axis.lock().expect("turns").clear_edges();
+        }
+        let from = target;
+        target = 300 - target;
+        talk.events.clear();
+        talk.ask(&mut board, Request::Move { to: [um(target), um(target), um(target), None], speed: None })?;
+        let status = rest(&mut board, &mut talk, Duration::from_millis(20))?;
+        let told: Vec<(u64, i32)> = talk
+            .events
+            .drain(..)
+            .filter_map(|event| match event {
+                Event::Position { time, steps } => Some((time.0, steps[0].0)),
+                _ => None,
+            })
+            .collect();
+        let (first, last) = (told.first().map_or(0, |t| t.0), told.last().map_or(0, |t| t.0));
+        let rate = (told.len().max(1) - 1) as f64 / ((last - first).max(1) as f64 / 1e6);
+        ensure!(told.len() > 20, "{} positions were told at {hz} Hz", told.len());
+        ensure!(rate >= f64::from(hz) * 0.999, "{rate:.1} positions a second were told instead of {hz}");
+        // Two looks apart at most beyond the period.
+        let longest = told.windows(2).map(|w| w[1].0 - w[0].0).max().unwrap_or(0);
+        ensure!(longest as f64 <= 1e6 / f64::from(hz) + 2_500.0, "{longest} µs lay between two positions at {hz} Hz");
+        for axis in 0..3 {
+            let trace = board.world.axes[axis].lock().expect("turns");
+            let wanted = steps_in(axis, target - from);
+            ensure!(
+                trace.rises().count() == wanted,
+                "axis {axis}: {} steps instead of {wanted}",
+                trace.rises().count()
+            );
+        }
+        ensure!(status.in_position && status.stopped.is_none(), "it was stopped: {:?}", status.stopped);
+        said.push(rate);
+    }
+    board.stop()?.clean()?;
+    Ok(format!("{:.1} and {:.1} positions a second beside a move of three axes, no step missed", said[0], said[1]))
+}
+
+/// Steps of a distance on one of these axes.
+fn steps_in(axis: usize, distance_um: i32) -> usize {
+    settings()[axis].steps_per_um.steps(Nanometres(distance_um.abs() * 1000)).0 as usize
 }
 
 /// Greatest difference between an axis' edges, STEP and DIR, and their plan, counted from the first STEP edge of each.

@@ -268,13 +268,18 @@ impl Scan {
         let mean = sum / f64::from(frames);
         let Some(peak) = self.found else { return self.asked };
         let error = noise.relative() * magnitude(peak.value) / root(f64::from(frames));
+        if self.subject == Subject::PhaseObject {
+            // In focus its contrast is lowest.
+            let lobe = self.curve.best().map_or(peak.value, |(_, v)| v);
+            let highest = peak.value + SHORT * (lobe - peak.value) + DOUBT * error;
+            return if mean > highest { self.abort(ScanRefusal::NotReproduced) } else { self.end(Outcome::Focused) };
+        }
         let lowest = peak.value - SHORT * magnitude(peak.value - self.curve.floor()) - DOUBT * error;
-        if self.subject == Subject::Peak && mean < lowest {
+        if mean < lowest {
             return self.abort(ScanRefusal::NotReproduced);
         }
         // The fit may miss a pointed top: then the best sample is better than the fit.
         if let Some((place, value)) = self.curve.best()
-            && self.subject == Subject::Peak
             && mean < value - DOUBT * error
         {
             self.verify = false;

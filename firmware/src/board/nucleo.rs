@@ -30,6 +30,7 @@ pub async fn run(spawner: Spawner) -> ! {
     StepHardware::claim(p.TIM3, p.DMA1_CH2, p.PC6, p.PC7);
     StepHardware::claim(p.TIM4, p.DMA1_CH6, p.PD12, p.PD13);
     StepHardware::claim(p.TIM1, p.DMA2_CH5, p.PE9, p.PE11);
+    StepHardware::claim_camera(p.TIM5, p.PA0);
     // SAFETY: the core's own peripherals, which embassy leaves alone but for the NVIC, SCB and its delay: taken once, here.
     let core = unsafe { cortex_m::Peripherals::steal() };
     pulses::start(StepHardware::all_claimed(), core.SYST, core.DCB, core.DWT);

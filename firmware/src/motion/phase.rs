@@ -1,5 +1,6 @@
 //! A stretch of one axis' motion over which its steps follow one cubic in time, or come evenly.
 
+use super::fixed::{fixed, mul_high, power, single, unfixed};
 use super::swing::Quarter;
 
 /// A stretch in one direction. Distances are steps along that direction, times are ticks from `begin`.
@@ -69,23 +70,6 @@ pub struct Slope {
     j: f32,
 }
 
-/// (a · b) / 2⁶⁴, rounded down.
-#[inline(always)]
-fn mul_high(a: i64, b: u64) -> i64 {
-    let (a0, a1) = (a as u32 as u64, a >> 32);
-    let (b0, b1) = (b as u32 as u64, b >> 32);
-    let low = (a0 * b0) >> 32;
-    let cross = a0 * b1 + low;
-    let middle = a1 * b0 as i64 + (cross & 0xffff_ffff) as i64;
-    a1 * b1 as i64 + (cross >> 32) as i64 + (middle >> 32)
-}
-
-/// 2^n for |n| ≤ 126.
-#[inline(always)]
-fn power(n: i32) -> f32 {
-    f32::from_bits(((127 + n) as u32) << 23)
-}
-
 impl Cubic {
     /// y · 2⁶⁴ at a time of ticks · 2³².
     #[inline(always)]
@@ -106,7 +90,9 @@ impl Cubic {
         let [f1, f2, f3] = self.f;
         let y = ((y >> 32) as u32) as f32 * power(-32);
         let v = f1 + y * (2.0 * f2 + 3.0 * f3 * y);
-        Slope { m: 1.0 / v.max(1e-30), a: 2.0 * f2 + 6.0 * f3 * y, j: 6.0 * f3 }
+        // At rest a step takes for ever.
+        let v = if v > 1e-30 { v } else { 1e-30 };
+        Slope { m: 1.0 / v, a: 2.0 * f2 + 6.0 * f3 * y, j: 6.0 * f3 }
     }
 
     /// Distance of the edge `index` of `steps`.
@@ -126,9 +112,9 @@ impl Cubic {
         for _ in 0..24 {
             let y = self.y(time);
             let slope = self.slope(y);
-            let off = (target - self.distance(y)) as f32 * slope.m;
+            let off = single(target - self.distance(y)) * slope.m;
             let ticks = off * scale * power(-32);
-            let change = (off * scale) as i64;
+            let change = fixed(ticks);
             time = time.saturating_add_signed(if self.reversed { -change } else { change }).min(end);
             // What Newton leaves of an error d is d² · s''/2s' at most about.
             let left = ticks * ticks * (slope.a * slope.m) / scale;
@@ -284,25 +270,20 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
     let b = here.j * s * s * here.m * here.m * here.m;
     let dy = s * here.m * (1.0 - a * 0.5 + (3.0 * a * a - b) * (1.0 / 6.0));
     let ahead = (dy * scale * sign).max(0.0);
-    let guess = place.time.saturating_add((ahead * power(32)) as u64);
+    let guess = place.time.saturating_add(fixed(ahead) as u64);
     let (time, there) = cubic.solve(place.index.wrapping_add(n), steps, guess);
     let time = time.max(place.time);
     let mean = (time - place.time) >> q;
     let span = if q == 0 {
         Span { left: 1, time: start, by: [mean as i64, 0, 0], up }
     } else {
-        let mean_ticks = mean as f32 * power(-32);
+        let mean_ticks = unfixed(mean);
         let (e0, e1) = (per_step - mean_ticks, there.m * scale - mean_ticks);
-        let c = fixed(-(2.0 * e0 + e1) / steps_on);
-        let d = fixed((e0 + e1) / (steps_on * steps_on));
+        let part = power(-(q as i32));
+        let c = fixed(-(2.0 * e0 + e1) * part);
+        let d = fixed((e0 + e1) * part * part);
         Span { left: n, time: start, by: [mean as i64 + fixed(e0) + c + d, 2 * c + 6 * d, 6 * d], up }
     };
     *place = Place { index: place.index.wrapping_add(n), time, begin: place.begin, slope: Some(there) };
     span
-}
-
-/// Ticks as ticks · 2³².
-#[inline(always)]
-fn fixed(ticks: f32) -> i64 {
-    (ticks * power(32)) as i64
 }

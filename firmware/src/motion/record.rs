@@ -36,14 +36,6 @@ impl Record {
         Self { arr: ticks.wrapping_sub(1), reserved: 0, ccr1: high, ccr2: dir }
     }
 
-    /// Overwrites a record by a pulse; the reserved word stays 0.
-    #[inline(always)]
-    pub fn set_pulse(&mut self, ticks: u32, high: u32, dir: u32) {
-        self.arr = ticks.wrapping_sub(1);
-        self.ccr1 = high;
-        self.ccr2 = dir;
-    }
-
     /// STEP and DIR keep their levels for `ticks`; with 1 the timer stands still at it.
     pub const fn hold(ticks: u32, step_high: bool, dir: u32) -> Self {
         Self::pulse(ticks, if step_high { ALWAYS } else { 0 }, dir)

@@ -93,24 +93,25 @@ impl Ring {
         self.head = self.head.wrapping_add(1);
     }
 
-    /// Whether a run of records may be laid by [`Self::run`]: the guard's own slots are dealt with.
+    /// Lays that many records, made one after another. The caller keeps to [`Self::room`].
     #[inline(always)]
-    pub fn past_guard(&self) -> bool {
-        self.head.wrapping_sub(self.gate) >= GUARD
-    }
-
-    /// Slots for a run of at most `most` records that does not touch the guard. [`Self::ran`] counts them.
-    #[inline(always)]
-    pub fn run(&mut self, most: u32) -> &mut [Record] {
-        let first = self.head as usize & MASK;
-        let last = (first + most as usize).min(RING);
-        self.slots.get_mut(first..last).unwrap_or_default()
-    }
-
-    /// Counts records laid through [`Self::run`].
-    #[inline(always)]
-    pub fn ran(&mut self, records: u32) {
-        self.head = self.head.wrapping_add(records);
+    pub fn lay(&mut self, records: u32, mut next: impl FnMut() -> Record) {
+        let mut left = records;
+        // What belongs into the guard's own slots is kept for later.
+        while left > 0 && self.head.wrapping_sub(self.gate) < GUARD {
+            self.push(next());
+            left -= 1;
+        }
+        while left > 0 {
+            let first = self.head as usize & MASK;
+            let last = (first + left as usize).min(RING);
+            for slot in self.slots.get_mut(first..last).unwrap_or_default() {
+                *slot = next();
+            }
+            let laid = (last - first) as u32;
+            self.head = self.head.wrapping_add(laid);
+            left -= laid;
+        }
     }
 
     #[inline(always)]

@@ -204,7 +204,7 @@ impl<C: Camera> CameraSource<C> {
     }
 
     /// Takes in the next frame's times, which must come.
-    fn watch(&mut self, now: HostTime) -> Result<Stamp, SourceError> {
+    pub(super) fn watch(&mut self, now: HostTime) -> Result<Stamp, SourceError> {
         let stamp = self.camera.next_stamp(later(now, FRAME_MS))?;
         let stamp = stamp.ok_or_else(|| CameraError::Stalled { camera: self.camera.name(), millis: FRAME_MS })?;
         self.dating.see(&stamp);

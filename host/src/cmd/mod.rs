@@ -3,14 +3,28 @@
 mod autofocus;
 mod calibrate;
 mod camera;
+mod clicking;
 mod coarse;
+mod coaxial;
 mod connection;
+mod current;
+mod declare;
+mod dfu;
 mod focus;
+mod goto;
+mod guarded;
+mod hold;
+mod home;
 mod info;
 mod interrupt;
+mod jog;
+mod live;
 mod move_;
+mod move_pulses;
+mod objective;
 mod paced;
 mod ports;
+mod remembered;
 mod serve;
 mod settings;
 mod setup;
@@ -19,6 +33,8 @@ mod simulated;
 mod status;
 mod stop;
 mod tip;
+mod vibrate;
+mod where_;
 
 pub use connection::Connection;
 
@@ -33,9 +49,22 @@ pub enum Command {
     Status(status::Arguments),
     Move(move_::Arguments),
     Stop(stop::Arguments),
+    Jog(jog::Arguments),
+    Home(home::Arguments),
+    Vibrate(vibrate::Arguments),
+    Hold(hold::Hold),
+    Resume(hold::Resume),
+    Declare(declare::Arguments),
+    Enable(current::Enable),
+    Disable(current::Disable),
+    Dfu(dfu::Arguments),
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
     Calibrate(Box<calibrate::Calibrate>),
+    Objective(objective::Arguments),
+    Goto(goto::Arguments),
+    Coaxial(coaxial::Arguments),
+    Where(where_::Arguments),
     Focus(focus::Focus),
     Serve(Box<serve::Arguments>),
     Simulate(simulate::Arguments),
@@ -54,9 +83,22 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Status(a) => a.run(connection, out),
         Command::Move(a) => a.run(connection, out),
         Command::Stop(a) => a.run(connection, out),
+        Command::Jog(a) => a.run(connection, out),
+        Command::Home(a) => a.run(connection, out),
+        Command::Vibrate(a) => a.run(connection, out),
+        Command::Hold(a) => a.run(connection, out),
+        Command::Resume(a) => a.run(connection, out),
+        Command::Declare(a) => a.run(connection, out),
+        Command::Enable(a) => a.run(connection, out),
+        Command::Disable(a) => a.run(connection, out),
+        Command::Dfu(a) => a.run(connection, out),
         Command::Settings(a) => a.run(connection, out),
         Command::Autofocus(a) => a.run(connection, out),
-        Command::Calibrate(a) => calibrate::run(*a, out),
+        Command::Calibrate(a) => calibrate::run(*a, connection, out),
+        Command::Objective(a) => a.run(connection, out),
+        Command::Goto(a) => a.run(connection, out),
+        Command::Coaxial(a) => a.run(connection, out),
+        Command::Where(a) => a.run(connection, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),

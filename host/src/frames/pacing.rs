@@ -75,6 +75,11 @@ impl Pacing {
         self.frames.len()
     }
 
+    /// Number of the frame in the middle of those remembered.
+    pub fn middle(&self) -> u64 {
+        self.frames.get(self.frames.len() / 2).map_or(0, |(number, _)| *number)
+    }
+
     /// Time between frames on average, µs; `None` before there are two.
     pub fn period_us(&self) -> Option<f64> {
         let ((first, began), (last, ended)) = (self.frames.front()?, self.frames.back()?);

@@ -109,6 +109,11 @@ pub enum ProcedureError {
         "where the tip of {0} is cannot be known: it is not registered, and obstacles are there; register it, or move it by 'parfocal move' and by eye"
     )]
     TipUnknown(ManipulatorNumber),
+    /// No marker says where the manipulator is.
+    #[error(
+        "{0} has no coarse registration: photograph the markers with 'parfocal calibrate coarse --pairs DIR --rig FILE', or bring its tip into view by hand"
+    )]
+    Uncoarse(ManipulatorNumber),
     /// The sample file.
     #[error("{}: cannot be written: {reason}", path.display())]
     Record {

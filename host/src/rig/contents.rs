@@ -1,7 +1,9 @@
 //! What `rig.toml` holds, key by key. Lengths are µm and angles degrees, as the keys' names say.
 
+use super::markers::{CoarseRegistration, Markers};
 use super::names::{BoardId, Coordinate, Device, ManipulatorNumber};
 use crate::autofocus::Latency;
+use crate::calibration::coarse::StereoCamera;
 use crate::frames::pacing::Edge;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -39,9 +41,19 @@ pub struct Contents {
     /// Objectives by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub objectives: BTreeMap<String, Objective>,
+    /// How much higher all objectives stand than when they were calibrated: turns of the coarse focus knob, which no motor knows of.
+    /// It counts in every objective's κ.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub objective_height_um: f64,
     /// Manipulators `m1`, `m2`, …
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub manipulators: BTreeMap<ManipulatorNumber, Manipulator>,
+    /// The printed markers on the rig's bodies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub markers: Option<Markers>,
+    /// The stereo camera that sees them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stereo: Option<StereoCamera>,
     /// What tips must not run into.
     #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
     pub obstacles: Vec<Obstacle>,
@@ -123,6 +135,10 @@ impl CameraLatency {
     }
 }
 
+fn is_zero(v: &f64) -> bool {
+    *v == 0.0
+}
+
 fn one() -> u32 {
     1
 }
@@ -181,6 +197,9 @@ pub struct Manipulator {
     /// `T_man_ref`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<Registration>,
+    /// `T_man_ref` by printed markers, good to a fraction of a millimetre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coarse: Option<CoarseRegistration>,
     /// The pipette's direction in ref.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pipette: Option<Pipette>,

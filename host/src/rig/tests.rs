@@ -160,11 +160,20 @@ fn a_file_edited_meanwhile_is_not_overwritten() {
 }
 
 #[test]
-fn the_focus_knob_moves_every_registration_in_z_only() {
+fn the_focus_knob_changes_one_number_and_counts_in_every_objective() {
+    use crate::calibration::chain::{Chain, Pixel};
     let mut rig = Rig::parse(EDITED).unwrap();
+    rig.contents_mut().camera.as_mut().unwrap().calibration =
+        Some(CameraCalibration { matrix_um_per_px: [[1.0, 0.0], [0.0, 1.0]], objective: None, record: record() });
+    let before = rig.to_text().unwrap();
+    let focus = |rig: &Rig| {
+        let middle = Pixel { x_px: 959.5, y_px: 599.5 };
+        Chain::of(rig).unwrap().pixel_to_ref(nalgebra::Vector3::zeros(), middle).coordinates.z
+    };
+    let z = focus(&rig);
     rig.shift_focus(3.0);
-    let text = rig.to_text().unwrap();
-    let changed = lines_changed(EDITED, &text);
-    assert_eq!(changed.len(), 1, "{changed:?}");
-    assert_eq!(rig.contents().manipulators.values().next().unwrap().registration.as_ref().unwrap().matrix[2][3], 4.0);
+    assert_eq!(lines_changed(&before, &rig.to_text().unwrap()), ["objective_height_um = 3.0"]);
+    assert_eq!(focus(&rig), z + 3.0);
+    rig.shift_focus(-3.0);
+    assert_eq!(rig.to_text().unwrap(), before);
 }

@@ -77,6 +77,11 @@ pub enum Refusal {
     CannotSave,
     /// The board's build cannot do this.
     Unsupported,
+    /// The steps of this axis cannot give camera pulses.
+    NoTrigger {
+        /// The axis.
+        axis: Axis,
+    },
     /// A frame's time that a sweep has no place for: exposed before the leg that runs, before the frame told last, or not yet.
     WrongTime {
         /// Earliest time that is welcome.
