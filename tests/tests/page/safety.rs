@@ -194,6 +194,7 @@ fn ten_thousand_random_bodies_are_refused_and_move_nothing() {
 fn impossible_values_are_refused_in_words() {
     let mut served = Served::start(&[]);
     served.take();
+    served.until("pictures come", 30, |s| s["camera"]["health"] == "running");
     let before = positions(&served);
     for (path, body, says) in [
         ("/api/move", json!({ "to_um": { "scope.z": 1e9 } }), "scope.z"),
