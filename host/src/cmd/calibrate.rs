@@ -1,6 +1,7 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
 mod camera;
+mod into_view;
 mod moves;
 mod objective;
 mod pipette;
@@ -38,6 +39,8 @@ enum Action {
     Pipette(pipette::Pipette),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
+    /// A tip into the microscope's picture, by its marker
+    IntoView(into_view::IntoView),
     /// The objective's height after a turn of the coarse focus knob
     ObjectiveHeight(coarse::height::Arguments),
 }
@@ -51,6 +54,7 @@ pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow
         Action::Objective(objective) => objective.run(connection, out),
         Action::Pipette(pipette) => pipette.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
 }
