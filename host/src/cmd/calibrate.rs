@@ -1,6 +1,7 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
 mod camera;
+mod into_view;
 mod latency;
 mod moves;
 mod objective;
@@ -41,6 +42,8 @@ enum Action {
     Latency(Box<latency::Latency>),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
+    /// A tip into the microscope's picture, by its marker
+    IntoView(into_view::IntoView),
     /// The objective's height after a turn of the coarse focus knob
     ObjectiveHeight(coarse::height::Arguments),
 }
@@ -55,6 +58,7 @@ pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow
         Action::Pipette(pipette) => pipette.run(connection, out),
         Action::Latency(latency) => latency.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
 }
