@@ -3,6 +3,7 @@
 
 mod autofocus;
 mod ransac;
+mod tips;
 
 use clap::{Parser, Subcommand};
 
@@ -20,11 +21,14 @@ enum Bench {
     Autofocus(autofocus::Arguments),
     /// Robust registration of points of which some are wrong
     Ransac(ransac::Arguments),
+    /// Tips of micropipettes in random scenes
+    Tips(tips::Arguments),
 }
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().bench {
         Bench::Autofocus(arguments) => autofocus::run(&arguments),
         Bench::Ransac(arguments) => ransac::run(&arguments),
+        Bench::Tips(arguments) => tips::run(&arguments),
     }
 }

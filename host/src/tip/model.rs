@@ -141,10 +141,13 @@ const SUPPORT: f32 = 4.0;
 #[inline]
 fn step<N: Number>(x: N) -> N {
     static TABLE: LazyLock<[f32; STEPS + 2]> = LazyLock::new(|| {
+        // Flat from its ends on: a last tread would have a slope that everything beyond it seems to have.
         let mut table = [1.0; STEPS + 2];
-        for (i, value) in table.iter_mut().enumerate().take(STEPS + 1) {
+        for (i, value) in table.iter_mut().enumerate().take(STEPS) {
             *value = normal_below(f64::from(SUPPORT) * (2.0 * i as f64 / STEPS as f64 - 1.0)) as f32;
         }
+        table[0] = 0.0;
+        table[1] = 0.0;
         table
     });
     let scale = STEPS as f32 / (2.0 * SUPPORT);
@@ -170,7 +173,6 @@ mod tests {
     use super::*;
 
     #[test]
-    #[ignore = "open defect: near the rim the slope of the fifth shape by the angle is off by 0.04"]
     fn derivatives_agree_with_differences() {
         let cone =
             Cone { x: 40.0, y: 30.0, angle: 0.7, ln_opening: 1.1, ln_widening: -1.6, blur: -5.0, ln_slope: -0.8 };
