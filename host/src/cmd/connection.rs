@@ -3,6 +3,7 @@
 use super::simulated;
 use anyhow::{Context, bail};
 use parfocal::link::serial::{Serial, ports};
+use parfocal::link::transport::Transport;
 use parfocal::link::{Link, LinkError, LinkOptions};
 use parfocal::rig::{AxisName, BoardId, Coordinate, Device, Rig};
 use parfocal::stage::{Place, Stage, role};
@@ -63,24 +64,38 @@ impl Connection {
     /// # Errors
     /// What is wrong with a port or with the rig's file.
     pub fn open(&self, purpose: Purpose, model: simulated::Model) -> anyhow::Result<Bench> {
+        let handle = self.is_simulated().then(|| simulated::Handle::new(model));
+        let boards = handle.as_ref().map(|handle| handle as &dyn simulated::Boards);
+        let stage = self.stage(purpose, boards, &mut |transport| transport)?;
+        Ok(Bench { stage, simulated: handle })
+    }
+
+    /// The axes, each board's transport wrapped on its way to its link; on the simulated rig if there is one.
+    ///
+    /// # Errors
+    /// What is wrong with a port or with the rig's file.
+    pub fn stage(
+        &self,
+        purpose: Purpose,
+        simulated: Option<&dyn simulated::Boards>,
+        wrap: &mut dyn FnMut(Box<dyn Transport>) -> Box<dyn Transport>,
+    ) -> anyhow::Result<Stage> {
         let rig =
             self.rig.as_deref().map(|path| Rig::load(path).with_context(|| path.display().to_string())).transpose()?;
         let role = role(purpose == Purpose::Control, self.take_control);
         let session = Session(fresh_session());
-        if self.is_simulated() {
+        if let Some(simulated) = simulated {
             eprintln!("no --port given: this is the simulated rig");
-            let handle = simulated::Handle::new(model);
-            let links = handle
+            let links = simulated
                 .transports()
                 .into_iter()
-                .map(|t| Link::open(Box::new(t), session, role, LinkOptions::default()))
+                .map(|transport| Link::open(wrap(transport), session, role, LinkOptions::default()))
                 .collect::<Result<Vec<_>, _>>()?;
-            let stage = Stage::new(links, simulated::axes());
-            return Ok(Bench { stage, simulated: Some(handle) });
+            return Ok(Stage::new(links, simulated::axes()));
         }
         let mut links: Vec<Link> = Vec::new();
         for port in self.ports(rig.as_ref())? {
-            let link = match connect(&port, session, role) {
+            let link = match connect_through(&port, session, role, wrap) {
                 Ok(link) => link,
                 // Named by nobody: any port may be something else.
                 Err(LinkError::NoAnswer { .. }) if self.port.is_empty() => continue,
@@ -94,7 +109,7 @@ impl Connection {
             }
         }
         let axes = places(rig.as_ref(), &links)?;
-        Ok(Bench { stage: Stage::new(links, axes), simulated: None })
+        Ok(Stage::new(links, axes))
     }
 
     fn ports(&self, rig: Option<&Rig>) -> anyhow::Result<Vec<String>> {
@@ -114,8 +129,17 @@ impl Connection {
 /// # Errors
 /// As [`Link::open`].
 pub fn connect(port: &str, session: Session, role: parfocal_protocol::message::Role) -> Result<Link, LinkError> {
+    connect_through(port, session, role, &mut |transport| transport)
+}
+
+fn connect_through(
+    port: &str,
+    session: Session,
+    role: parfocal_protocol::message::Role,
+    wrap: &mut dyn FnMut(Box<dyn Transport>) -> Box<dyn Transport>,
+) -> Result<Link, LinkError> {
     let transport = Serial::open(port).map_err(LinkError::Port)?;
-    Link::open(Box::new(transport), session, role, LinkOptions::default())
+    Link::open(wrap(Box::new(transport)), session, role, LinkOptions::default())
 }
 
 /// A number for this program's session that no other running program has.

@@ -8,7 +8,9 @@ mod focus;
 mod info;
 mod interrupt;
 mod move_;
+mod paced;
 mod ports;
+mod serve;
 mod settings;
 mod setup;
 mod simulate;
@@ -34,6 +36,7 @@ pub enum Command {
     Autofocus(Box<autofocus::Arguments>),
     Calibrate(Box<calibrate::Calibrate>),
     Focus(focus::Focus),
+    Serve(Box<serve::Arguments>),
     Simulate(simulate::Arguments),
     Tip(tip::Arguments),
 }
@@ -54,6 +57,7 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Autofocus(a) => a.run(connection, out),
         Command::Calibrate(a) => calibrate::run(*a, out),
         Command::Focus(a) => focus::run(a, out),
+        Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),
         Command::Tip(a) => a.run(out),
     }

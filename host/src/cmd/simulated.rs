@@ -64,11 +64,6 @@ impl Handle {
         Self(Arc::new(Mutex::new(Rig::new(rig))))
     }
 
-    /// One transport for each board.
-    pub fn transports(&self) -> Vec<SimulatedTransport> {
-        (0..self.lock().boards()).map(|board| SimulatedTransport { rig: self.clone(), board }).collect()
-    }
-
     /// The rig's camera.
     pub fn camera(&self) -> SimulatedCamera {
         SimulatedCamera(self.clone())
@@ -84,6 +79,19 @@ impl Handle {
     pub fn lock(&self) -> MutexGuard<'_, Rig> {
         // A panic elsewhere ends the program anyway.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Simulated boards that links can be opened to.
+pub trait Boards {
+    /// One transport for each board.
+    fn transports(&self) -> Vec<Box<dyn Transport>>;
+}
+
+impl Boards for Handle {
+    fn transports(&self) -> Vec<Box<dyn Transport>> {
+        let transport = |board| Box::new(SimulatedTransport { rig: self.clone(), board }) as Box<dyn Transport>;
+        (0..self.lock().boards()).map(transport).collect()
     }
 }
 

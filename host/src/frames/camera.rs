@@ -63,3 +63,13 @@ pub trait Camera: Send {
     /// The camera is gone.
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError>;
 }
+
+impl<C: Camera + ?Sized> Camera for &mut C {
+    fn name(&self) -> String {
+        (**self).name()
+    }
+
+    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
+        (**self).next_frame(deadline)
+    }
+}

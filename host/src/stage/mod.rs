@@ -143,6 +143,19 @@ impl Stage {
         speed: Option<MicrometresPerSecond>,
         keep_on: &dyn Fn() -> bool,
     ) -> Result<(), StageError> {
+        let begun = self.begin(targets, speed)?;
+        self.wait(&begun, keep_on)
+    }
+
+    /// Begins straight lines to absolute positions, one on each board that is concerned: which motion on which board.
+    ///
+    /// # Errors
+    /// [`StageError`]; nothing has moved when a target is refused before the first board began.
+    pub fn begin(
+        &mut self,
+        targets: &[(AxisName, Micrometres)],
+        speed: Option<MicrometresPerSecond>,
+    ) -> Result<Vec<(usize, MotionId)>, StageError> {
         let mut lines: BTreeMap<usize, PerAxis<Option<_>>> = BTreeMap::new();
         for (name, at) in targets {
             let target = at.nanometres().ok_or(StageError::NoPosition { name: *name, at: at.0 })?;
@@ -167,7 +180,7 @@ impl Stage {
                 }
             }
         }
-        self.wait(&begun, keep_on)
+        Ok(begun)
     }
 
     /// Waits until motions are over: last edge out, settled.
