@@ -14,6 +14,8 @@ pub struct Patch {
     x: f64,
     y: f64,
     step: f64,
+    /// How many times finer than the model's optics a pixel is.
+    unit: f64,
     radius: f32,
     samples: Vec<Sample>,
     /// Sum of the weights.
@@ -31,7 +33,7 @@ struct Sample {
 
 impl Patch {
     /// The pixels of `level` within `radius` px of (`x`, `y`), px of the picture; those in the middle count most.
-    pub fn cut(level: &Level, x: f64, y: f64, radius: f64) -> Self {
+    pub fn cut(level: &Level, x: f64, y: f64, radius: f64, unit: f64) -> Self {
         let step = level.step as f64;
         let range = |c: f64, n: usize| {
             let low = ((c - radius) / step).ceil().max(0.0) as usize;
@@ -54,7 +56,7 @@ impl Patch {
                 }
             }
         }
-        Self { x, y, step, radius: radius as f32, samples, mass }
+        Self { x, y, step, unit, radius: radius as f32, samples, mass }
     }
 }
 
@@ -62,6 +64,8 @@ impl Patch {
 #[derive(Clone, Debug)]
 pub struct Fit {
     pub cone: Cone,
+    /// As the patch's.
+    pub unit: f64,
     pub mix: [f64; GLASS],
     /// Weighted mean of the squared residuals.
     pub residual: f64,
@@ -150,29 +154,29 @@ struct Drawn {
     mix: Mix,
     squares: f64,
     inverse: Shapes,
-    halo: Halo,
+    seam: Seam,
 }
 
-/// How freely the halo joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
+/// How freely the seam joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Halo {
+pub enum Seam {
     Without,
     With,
 }
 
 impl Drawn {
-    fn new(patch: &Patch, cone: &Cone, weights: &[f32], halo: Halo) -> Self {
-        let drawing = Drawing::plain(cone, patch.step, [patch.x, patch.y]);
+    fn new(patch: &Patch, cone: &Cone, weights: &[f32], seam: Seam) -> Self {
+        let drawing = Drawing::plain(cone, patch.step, [patch.x, patch.y], patch.unit);
         let inverse = 1.0 / patch.radius;
         let rows = patch
             .samples
             .iter()
             .map(|s| {
-                let [a, b, c, d, e, f] = drawing.shapes(s.x, s.y);
-                [a, b, c, d, e, f, 1.0, s.x * inverse, s.y * inverse]
+                let [glass, lumen, seam] = drawing.shapes(s.x, s.y);
+                [glass, lumen, seam, 1.0, s.x * inverse, s.y * inverse]
             })
             .collect();
-        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), halo };
+        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), seam };
         drawn.solve(patch, weights);
         drawn
     }
@@ -195,11 +199,11 @@ impl Drawn {
         let mut matrix = Shapes::from_fn(|i, j| if j <= i { normal[i][j] } else { normal[j][i] });
         // Shapes that look alike when blurred share the light evenly.
         let ridge = 1e-4 * normal[GLASS][GLASS].max(1e-12);
-        let halo = match self.halo {
-            Halo::Without => 1e9,
-            Halo::With => 30.0,
+        let seam = match self.seam {
+            Seam::Without => 1e9,
+            Seam::With => 1.0,
         };
-        for (i, factor) in [1.0, 1.0, halo, halo, halo, halo].into_iter().enumerate() {
+        for (i, factor) in [1.0, 30.0, seam].into_iter().enumerate() {
             matrix[(i, i)] += factor * ridge;
         }
         let right = Mix::from(right);
@@ -216,7 +220,7 @@ impl Drawn {
 
     /// Derivatives of the residuals by the cone's numbers, the mix following along (Kaufman 1975).
     fn derivatives(&self, patch: &Patch, cone: &Cone, weights: &[f32]) -> Vec<[f32; LANES]> {
-        let drawing = Drawing::derived(cone, patch.step, [patch.x, patch.y]);
+        let drawing = Drawing::derived(cone, patch.step, [patch.x, patch.y], patch.unit);
         let mix: [f32; GLASS] = std::array::from_fn(|i| self.mix[i] as f32);
         let mut shared = [[0.0_f64; LANES]; SHAPES];
         let mut all: Vec<[f32; LANES]> = Vec::with_capacity(patch.samples.len());
@@ -249,19 +253,26 @@ impl Drawn {
     }
 }
 
+/// How much likelier a cone makes a patch than light alone does: the logarithm of the squares' ratio, for all its pixels.
+pub fn gain(patch: &Patch, cone: &Cone) -> f64 {
+    let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
+    let drawn = Drawn::new(patch, cone, &base, Seam::Without);
+    patch.mass * (empty_residual(patch) / drawn.squares.max(1e-12)).max(1.0).ln()
+}
+
 /// Fits by Levenberg and Marquardt's method, at most `rounds` steps. `variance`: of a pixel's noise, at least. `None` where
 /// the patch holds too few pixels.
-pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo, rounds: usize) -> Option<Fit> {
+pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam, rounds: usize) -> Option<Fit> {
     if patch.samples.len() < 4 * (PLACES + SHAPES) {
         return None;
     }
     let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
     let mut weights = base.clone();
     let mut at = start;
-    let mut now = Drawn::new(patch, &at, &weights, halo);
+    let mut now = Drawn::new(patch, &at, &weights, seam);
     let back = 0.4 * f64::from(patch.radius);
     let anchor = [start.x - back * start.angle.cos(), start.y - back * start.angle.sin()];
-    if halo == Halo::With {
+    if seam == Seam::With {
         // Where the pipette ends along its axis has many a local best.
         let anchored = Anchored::new(&at, anchor);
         let (sin, cos) = at.angle.sin_cos();
@@ -272,7 +283,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
             numbers[0] += shift * cos;
             numbers[1] += shift * sin;
             let cone = Anchored { at: anchor, numbers }.cone();
-            let drawn = Drawn::new(patch, &cone, &weights, halo);
+            let drawn = Drawn::new(patch, &cone, &weights, seam);
             if drawn.squares < best {
                 best = drawn.squares;
                 at = cone;
@@ -323,7 +334,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
             };
             let numbers = std::array::from_fn(|i| anchored.numbers[i] + step[i].clamp(-LEAP[i], LEAP[i]));
             let cone = Anchored { at: anchor, numbers }.cone();
-            let next = Drawn::new(patch, &cone, &weights, halo);
+            let next = Drawn::new(patch, &cone, &weights, seam);
             if next.squares / noise + prior.penalty(&cone) < cost {
                 moved = (cone.x - at.x).hypot(cone.y - at.y);
                 at = cone;
@@ -343,6 +354,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
     let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
     Some(Fit {
         cone: at,
+        unit: patch.unit,
         mix: std::array::from_fn(|i| now.mix[i]),
         residual: squares / patch.mass,
         empty: empty_residual(patch) / patch.mass,

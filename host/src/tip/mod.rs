@@ -61,14 +61,27 @@ impl Expect {
 }
 
 /// Candidates that get a first look, and those that get a closer one.
-const CANDIDATES: usize = 16;
-const CLOSER: usize = 5;
+const CANDIDATES: usize = 40;
+const CLOSER: usize = 3;
 
 /// The tip in a picture, or `None` if there is none that the detector is sure of. Works in focus and within 10 µm of it (at
 /// 0.32 µm/px and NA 0.8), for dark and bright pipettes, on 8- and 16-bit pictures.
 pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
+    look(view, expect, 1).pop()
+}
+
+/// Every tip in a picture, the surest first.
+pub fn detect_all(view: &View<'_>, expect: &Expect) -> Vec<Tip> {
+    let mut tips = look(view, expect, CLOSER);
+    tips.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    tips
+}
+
+/// The `most` likeliest places of a tip, settled; those that the detector is sure of.
+fn look(view: &View<'_>, expect: &Expect, most: usize) -> Vec<Tip> {
     let mut levels = pyramid::levels(view);
-    let light = light::Light::of(levels.last()?);
+    let Some(coarsest) = levels.last() else { return Vec::new() };
+    let light = light::Light::of(coarsest);
     let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
     for level in &mut levels {
         light.flatten(level);
@@ -76,11 +89,13 @@ pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
     let candidates = search::candidates(&levels, noise, CANDIDATES, |angle| expect.allows(angle));
     let mut found = hypothesis::coarse(&levels, noise, &candidates);
     found.truncate(CLOSER);
-    let best = hypothesis::fine(&levels, noise, &found)
-        .into_iter()
-        .find(|h| expect.allows(h.fit.cone.angle) && inside(view, h.fit.cone.x, h.fit.cone.y))?;
-    let tip = settle(&levels, &best, noise);
-    (tip.confidence >= expect.confidence && inside(view, tip.x_px, tip.y_px)).then_some(tip)
+    hypothesis::fine(&levels, noise, &found)
+        .iter()
+        .filter(|h| expect.allows(h.fit.cone.angle) && inside(view, h.fit.cone.x, h.fit.cone.y))
+        .take(most)
+        .map(|h| settle(&levels, h, noise))
+        .filter(|tip| tip.confidence >= expect.confidence && inside(view, tip.x_px, tip.y_px))
+        .collect()
 }
 
 /// A tip nearer to the edge than this may as well lie beyond it.
@@ -95,17 +110,63 @@ fn inside(view: &View<'_>, x: f64, y: f64) -> bool {
 const CLEAR: f64 = 8.0;
 
 fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
-    let cone = &best.fit.cone;
-    let end = end::end(levels, cone, noise).filter(|end| end.clarity > CLEAR);
-    let beyond = end.map_or(0.0, |end| end.beyond);
-    let (sin, cos) = cone.angle.sin_cos();
-    let log_odds = best.log_odds(&FINE) + if end.is_some() { 5.5 } else { 0.0 };
-    let angle = end.and_then(|_| hypothesis::shank_angle(levels, cone, noise)).unwrap_or(cone.angle);
-    let degrees = angle.to_degrees().rem_euclid(360.0);
+    let polished = hypothesis::polish(levels, noise, best);
+    let fit = polished.as_ref().unwrap_or(&best.fit);
+    let cone = &fit.cone;
+    let log_odds = best.log_odds(&FINE);
+    let degrees = cone.angle.to_degrees().rem_euclid(360.0);
     Tip {
-        x_px: cone.x + beyond * cos,
-        y_px: cone.y + beyond * sin,
+        x_px: cone.x,
+        y_px: cone.y,
         angle_deg: if degrees > 180.0 { degrees - 360.0 } else { degrees },
         confidence: 1.0 / (1.0 + (-log_odds).exp()),
     }
+}
+
+#[doc(hidden)]
+pub fn stages(view: &View<'_>, x: f64, y: f64, deg: f64) -> String {
+    let t0 = cpu();
+    let mut levels = pyramid::levels(view);
+    let light = light::Light::of(levels.last().unwrap());
+    let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
+    for level in &mut levels { light.flatten(level); }
+    let t1 = cpu()-t0;
+    let candidates = search::candidates(&levels, noise, CANDIDATES, |_| true);
+    let t2 = cpu()-t0;
+    let near = |px: f64, py: f64, a: f64, r: f64| (px-x).hypot(py-y) < r && (a-deg.to_radians()).cos() > 0.7;
+    let c = candidates.iter().position(|c| near(c.x, c.y, c.angle, 40.0));
+    let found = hypothesis::coarse(&levels, noise, &candidates);
+    let t3 = cpu()-t0;
+    let k = found.iter().position(|h| near(h.fit.cone.x, h.fit.cone.y, h.fit.cone.angle, 20.0));
+    let d = |h: &Hypothesis| (h.fit.cone.x-x).hypot(h.fit.cone.y-y);
+    let kd = k.map(|k| (d(&found[k]), found[k].log_odds(&hypothesis::COARSE)));
+    let mut top = found.clone(); top.truncate(CLOSER);
+    let fine = hypothesis::fine(&levels, noise, &top);
+    let t4 = cpu()-t0;
+    let f = fine.iter().position(|h| near(h.fit.cone.x, h.fit.cone.y, h.fit.cone.angle, 20.0));
+    let fd = f.map(|f| (d(&fine[f]), fine[f].log_odds(&FINE), settle(&levels, &fine[f], noise)));
+    let s = fd.map(|(_, _, t)| ((t.x_px-x).hypot(t.y_px-y), t.confidence));
+    format!("cand {c:?} coarse {k:?} {kd:.1?} fine {f:?} {:.1?} settled {s:.2?} ms {t1:.1} {t2:.1} {t3:.1} {t4:.1}", fd.map(|f|(f.0,f.1)))
+}
+
+#[doc(hidden)]
+pub fn cpu() -> f64 {
+    std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap() / 1e6
+}
+
+#[doc(hidden)]
+pub fn features(view: &View<'_>) -> Vec<(f64, f64, f64, Vec<f64>, Vec<f64>)> {
+    let mut levels = pyramid::levels(view);
+    let light = light::Light::of(levels.last().unwrap());
+    let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
+    for level in &mut levels { light.flatten(level); }
+    let candidates = search::candidates(&levels, noise, CANDIDATES, |_| true);
+    let found = hypothesis::coarse(&levels, noise, &candidates);
+    let mut out: Vec<_> = found.iter().map(|h| (h.fit.cone.x, h.fit.cone.y, h.fit.cone.angle, h.evidence.to_vec(), vec![])).collect();
+    let mut top = found.clone(); top.truncate(CLOSER);
+    for h in hypothesis::fine(&levels, noise, &top) {
+        let t = settle(&levels, &h, noise);
+        out.push((t.x_px, t.y_px, t.angle_deg.to_radians(), vec![], h.evidence.to_vec()));
+    }
+    out
 }
