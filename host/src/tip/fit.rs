@@ -1,6 +1,5 @@
 //! Fits a pipette's end to the pixels about it.
 
-use super::dual::LANES;
 use super::model::{Cone, Drawing, GLASS, PLACES};
 use super::pyramid::Level;
 use nalgebra::{SMatrix, SVector};
@@ -166,7 +165,7 @@ pub enum Seam {
 
 impl Drawn {
     fn new(patch: &Patch, cone: &Cone, weights: &[f32], seam: Seam) -> Self {
-        let drawing = Drawing::plain(cone, patch.step, [patch.x, patch.y], patch.unit);
+        let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
         let inverse = 1.0 / patch.radius;
         let rows = patch
             .samples
@@ -220,38 +219,37 @@ impl Drawn {
 
     /// Derivatives of the residuals by the cone's numbers, the mix following along (Kaufman 1975).
     fn derivatives(&self, patch: &Patch, cone: &Cone, weights: &[f32]) -> Vec<[f32; LANES]> {
-        let drawing = Drawing::derived(cone, patch.step, [patch.x, patch.y], patch.unit);
+        let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
         let mix: [f32; GLASS] = std::array::from_fn(|i| self.mix[i] as f32);
-        let mut shared = [[0.0_f64; LANES]; SHAPES];
+        let mut shared = [[0.0_f32; LANES]; SHAPES];
         let mut all: Vec<[f32; LANES]> = Vec::with_capacity(patch.samples.len());
         for ((s, row), w) in patch.samples.iter().zip(&self.rows).zip(weights) {
-            let shapes = drawing.shapes(s.x, s.y);
-            let mut slopes = [0.0_f32; LANES];
-            for (shape, m) in shapes.iter().zip(&mix) {
-                for (sum, slope) in slopes.iter_mut().zip(&shape.slopes) {
-                    *sum -= m * slope;
-                }
-            }
-            for i in 0..SHAPES {
-                for k in 0..LANES {
-                    shared[i][k] += f64::from(w * row[i] * slopes[k]);
+            let [a, b, c, d, e, f, g] = drawing.slopes(s.x, s.y, &mix);
+            let slopes = [-a, -b, -c, -d, -e, -f, -g, 0.0];
+            for (shared, shape) in shared.iter_mut().zip(row) {
+                let share = w * shape;
+                for (sum, slope) in shared.iter_mut().zip(&slopes) {
+                    *sum += share * slope;
                 }
             }
             all.push(slopes);
         }
-        let shared = SMatrix::<f64, SHAPES, LANES>::from_fn(|i, k| shared[i][k]);
+        let shared = SMatrix::<f64, SHAPES, LANES>::from_fn(|i, k| f64::from(shared[i][k]));
         let along = self.inverse * shared;
         let along: [[f32; LANES]; SHAPES] = std::array::from_fn(|i| std::array::from_fn(|k| along[(i, k)] as f32));
         for (slopes, row) in all.iter_mut().zip(&self.rows) {
-            for i in 0..SHAPES {
-                for k in 0..LANES {
-                    slopes[k] -= row[i] * along[i][k];
+            for (shape, along) in row.iter().zip(&along) {
+                for (slope, along) in slopes.iter_mut().zip(along) {
+                    *slope -= shape * along;
                 }
             }
         }
         all
     }
 }
+
+/// Lanes of a row of derivatives: one more than a cone has numbers, so that they fill whole registers.
+const LANES: usize = 8;
 
 /// How much likelier a cone makes a patch than light alone does: the logarithm of the squares' ratio, for all its pixels.
 pub fn gain(patch: &Patch, cone: &Cone) -> f64 {
@@ -277,8 +275,8 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
         let anchored = Anchored::new(&at, anchor);
         let (sin, cos) = at.angle.sin_cos();
         let mut best = f64::INFINITY;
-        for i in -4..=8 {
-            let shift = f64::from(i) * 0.06 * f64::from(patch.radius);
+        for i in -2..=3 {
+            let shift = f64::from(i) * 0.1 * f64::from(patch.radius);
             let mut numbers = anchored.numbers;
             numbers[0] += shift * cos;
             numbers[1] += shift * sin;
@@ -300,18 +298,22 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
         let slopes = now.derivatives(patch, &at, &weights);
         let noise = (now.squares / patch.mass).max(variance);
         let params = at.to_array();
-        let mut right = SVector::<f64, PLACES>::zeros();
-        let mut sums = [[0.0_f64; PLACES]; PLACES];
+        let mut pull = [0.0_f32; LANES];
+        let mut sums = [[0.0_f32; LANES]; PLACES];
         for ((d, r), w) in slopes.iter().zip(&residuals).zip(&weights) {
-            for i in 0..PLACES {
-                let wi = w * d[i];
-                right[i] -= f64::from(wi * r);
-                for j in 0..=i {
-                    sums[i][j] += f64::from(wi * d[j]);
+            let wr = w * r;
+            for (sum, slope) in pull.iter_mut().zip(d) {
+                *sum -= wr * slope;
+            }
+            for (sums, slope) in sums.iter_mut().zip(d) {
+                let share = w * slope;
+                for (sum, slope) in sums.iter_mut().zip(d) {
+                    *sum += share * slope;
                 }
             }
         }
-        normal = Places::from_fn(|i, j| if j <= i { sums[i][j] } else { sums[j][i] } / noise);
+        let mut right = SVector::<f64, PLACES>::from_fn(|i, _| f64::from(pull[i]));
+        normal = Places::from_fn(|i, j| f64::from(sums[i.max(j)][i.min(j)]) / noise);
         right /= noise;
         for i in 0..PLACES {
             normal[(i, i)] += prior.deviation[i].powi(-2);

@@ -19,9 +19,14 @@ pub type Weights = ([f64; EVIDENCE], f64);
 /// Kinds of evidence.
 const EVIDENCE: usize = 11;
 
+/// A false tip is worse than none: even odds, less this, count as such.
+const CAREFUL: f64 = 1.8;
+
 /// Logistic weights from random scenes with and without pipettes.
-pub const COARSE: Weights = ([0.863, -1.369, -1.535, 1.009, 1.683, 3.733, 1.309, 0.426, 0.0, 0.0, 0.0], -9.881);
-pub const FINE: Weights = ([1.166, -1.144, -1.167, 0.709, -1.048, 4.517, 0.837, 0.483, 0.0, 0.0, 0.0], -13.0);
+pub const COARSE: Weights =
+    ([-0.866, -3.956, -4.135, 0.916, 1.214, 4.038, 1.275, 0.474, -1.330, 0.252, 0.111], 1.494);
+pub const FINE: Weights =
+    ([-0.685, -2.649, -4.751, 1.968, 0.626, 4.874, 1.046, 0.485, -1.743, 0.701, -0.152], -2.856 - CAREFUL);
 
 impl Hypothesis {
     fn new(levels: &[Level], noise: f64, variance: f64, mass: f64, fit: Fit) -> Self {

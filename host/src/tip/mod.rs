@@ -111,13 +111,23 @@ const CLEAR: f64 = 8.0;
 
 fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
     let polished = hypothesis::polish(levels, noise, best);
-    let fit = polished.as_ref().unwrap_or(&best.fit);
-    let cone = &fit.cone;
-    let log_odds = best.log_odds(&FINE);
-    let degrees = cone.angle.to_degrees().rem_euclid(360.0);
+    let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
+    // Thin glass bends light more than it takes: real tips reach farther than their darkness, and their detail shows it.
+    let end = end::end(levels, &best.fit.cone, noise).filter(|end| end.clarity > CLEAR);
+    let (x, y, angle) = match end {
+        Some(end) => {
+            let cone = &best.fit.cone;
+            let (sin, cos) = cone.angle.sin_cos();
+            let angle = hypothesis::shank_angle(levels, cone, noise).unwrap_or(cone.angle);
+            (cone.x + end.beyond * cos, cone.y + end.beyond * sin, angle)
+        }
+        None => (cone.x, cone.y, cone.angle),
+    };
+    let log_odds = best.log_odds(&FINE) + if end.is_some() { 5.5 } else { 0.0 };
+    let degrees = angle.to_degrees().rem_euclid(360.0);
     Tip {
-        x_px: cone.x,
-        y_px: cone.y,
+        x_px: x,
+        y_px: y,
         angle_deg: if degrees > 180.0 { degrees - 360.0 } else { degrees },
         confidence: 1.0 / (1.0 + (-log_odds).exp()),
     }
