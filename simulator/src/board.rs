@@ -121,10 +121,9 @@ impl VirtualBoard {
         }
         let dt = now - self.lived;
         self.lived = now;
-        for (i, stage) in self.stages.iter_mut().enumerate() {
-            let settings = self.model.axes[i].settings;
-            let motor = self.controller.board_mut().motor(i);
-            stage.follow(Micrometres(f64::from(motor.0) / f64::from(settings.steps_per_um.0)), dt);
+        for i in 0..self.stages.len() {
+            let motor = self.motor(i);
+            self.stages[i].follow(motor, dt);
         }
         self.remember(now);
     }
@@ -138,6 +137,13 @@ impl VirtualBoard {
         };
         let share = if t1 > t0 { ((at - t0) as f64 / (t1 - t0) as f64).min(1.0) } else { 1.0 };
         Micrometres(old[axis] + (new[axis] - old[axis]) * share)
+    }
+
+    /// Where a motor stands, by the steps that its driver saw.
+    pub fn motor(&mut self, axis: usize) -> Micrometres {
+        let Some(model) = self.model.axes.get(axis) else { return Micrometres(0.0) };
+        let scale = f64::from(model.settings.steps_per_um.0);
+        Micrometres(f64::from(self.controller.board_mut().motor(axis).0) / scale)
     }
 
     fn remember(&mut self, now: u64) {

@@ -81,6 +81,8 @@ pub struct ObjectiveModel {
     pub kappa_um: [f64; 3],
     /// How it blurs.
     pub optics: Optics,
+    /// Its depth of field, µm.
+    pub depth_of_field_um: f64,
 }
 
 /// A whole virtual rig. Board 0 is the microscope (x, y, z move the objective), board n manipulator n.
@@ -164,8 +166,20 @@ impl RigModel {
                 read_noise: 0.001,
             },
             objectives: vec![
-                ObjectiveModel { name: "40x", alpha: 1.0, kappa_um: [0.0; 3], optics: Optics::WATER_40X },
-                ObjectiveModel { name: "20x", alpha: 2.013, kappa_um: [7.4, -4.2, 3.1], optics: Optics::DRY_20X },
+                ObjectiveModel {
+                    name: "40x",
+                    alpha: 1.0,
+                    kappa_um: [0.0; 3],
+                    optics: Optics::WATER_40X,
+                    depth_of_field_um: 1.0,
+                },
+                ObjectiveModel {
+                    name: "20x",
+                    alpha: 2.013,
+                    kappa_um: [7.4, -4.2, 3.1],
+                    optics: Optics::DRY_20X,
+                    depth_of_field_um: 2.6,
+                },
             ],
             link_us: 300,
         }

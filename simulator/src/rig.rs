@@ -160,6 +160,12 @@ impl Rig {
         known.unwrap_or(Micrometres(0.0))
     }
 
+    /// Where an axis' motor stands, by the steps that its driver saw.
+    pub fn motor(&mut self, board: usize, axis: Axis) -> Micrometres {
+        let known = self.boards.get_mut(board).zip(axis.index()).map(|(board, axis)| board.motor(axis));
+        known.unwrap_or(Micrometres(0.0))
+    }
+
     fn positions(&self, board: usize, at: u64) -> [f64; 3] {
         std::array::from_fn(|i| self.truth(board, Axis(i as u8), at).0)
     }

@@ -1,5 +1,6 @@
 //! `--port`, `--rig` and the rest: which rig a command talks to.
 
+use super::remembered::{Memory, is_of_simulated_rig};
 use super::simulated;
 use anyhow::{Context, bail};
 use parfocal::link::serial::{Serial, ports};
@@ -50,13 +51,37 @@ pub struct Bench {
 }
 
 impl Connection {
-    /// Whether the simulated rig is meant.
+    /// Whether the simulated rig is meant: said so, nothing said, or a rig's file whose boards are the simulated ones.
     pub fn is_simulated(&self) -> bool {
-        match &self.port[..] {
-            [] => self.rig.is_none(),
-            [one] => one == SIMULATED,
+        match (&self.port[..], &self.rig) {
+            ([], None) => true,
+            ([], Some(path)) => Rig::load(path).is_ok_and(|rig| is_of_simulated_rig(&rig)),
+            ([one], _) => one == SIMULATED,
             _ => false,
         }
+    }
+
+    /// The simulated rig, if it is meant. With a rig's file its axes are where the last command left them, and the
+    /// objective that the file says is in use is in its light path.
+    ///
+    /// # Errors
+    /// What is wrong with the rig's file, or with what is remembered beside it.
+    pub fn simulated(&self, mut model: simulated::Model) -> anyhow::Result<Option<simulated::Handle>> {
+        if !self.is_simulated() {
+            return Ok(None);
+        }
+        if let Some(path) = &self.rig {
+            let rig = Rig::load(path).with_context(|| path.display().to_string())?;
+            model.objective = model.objective.or_else(|| rig.contents().objective_in_use.clone());
+            // A recording takes an axis' place: nothing to remember.
+            if model.limits.is_empty() {
+                let memory = Memory::beside(path);
+                let mut positions: Vec<_> = memory.recall()?.positions.into_iter().collect();
+                positions.append(&mut model.positions);
+                (model.positions, model.memory) = (positions, Some(memory));
+            }
+        }
+        Ok(Some(simulated::Handle::new(model)))
     }
 
     /// Connects, saying on stderr when it is to the simulated rig.
@@ -64,7 +89,7 @@ impl Connection {
     /// # Errors
     /// What is wrong with a port or with the rig's file.
     pub fn open(&self, purpose: Purpose, model: simulated::Model) -> anyhow::Result<Bench> {
-        let handle = self.is_simulated().then(|| simulated::Handle::new(model));
+        let handle = self.simulated(model)?;
         let boards = handle.as_ref().map(|handle| handle as &dyn simulated::Boards);
         let stage = self.stage(purpose, boards, &mut |transport| transport)?;
         Ok(Bench { stage, simulated: handle })
@@ -85,13 +110,20 @@ impl Connection {
         let role = role(purpose == Purpose::Control, self.take_control);
         let session = Session(fresh_session());
         if let Some(simulated) = simulated {
-            eprintln!("no --port given: this is the simulated rig");
+            match &self.rig {
+                Some(path) => eprintln!("{}: this is the simulated rig", path.display()),
+                None => eprintln!("no --port given: this is the simulated rig"),
+            }
             let links = simulated
                 .transports()
                 .into_iter()
                 .map(|transport| Link::open(wrap(transport), session, role, LinkOptions::default()))
                 .collect::<Result<Vec<_>, _>>()?;
-            return Ok(Stage::new(links, simulated::axes()));
+            let axes = match &rig {
+                Some(rig) if is_of_simulated_rig(rig) => places(Some(rig), &links)?,
+                _ => simulated::axes(),
+            };
+            return Ok(Stage::new(links, axes));
         }
         let mut links: Vec<Link> = Vec::new();
         for port in self.ports(rig.as_ref())? {

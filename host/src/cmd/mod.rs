@@ -2,14 +2,21 @@
 
 mod autofocus;
 mod calibrate;
+mod clicking;
 mod coarse;
+mod coaxial;
 mod connection;
 mod focus;
+mod goto;
+mod guarded;
 mod info;
 mod interrupt;
+mod live;
 mod move_;
+mod objective;
 mod paced;
 mod ports;
+mod remembered;
 mod serve;
 mod settings;
 mod setup;
@@ -18,6 +25,7 @@ mod simulated;
 mod status;
 mod stop;
 mod tip;
+mod where_;
 
 pub use connection::Connection;
 
@@ -35,6 +43,10 @@ pub enum Command {
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
     Calibrate(Box<calibrate::Calibrate>),
+    Objective(objective::Arguments),
+    Goto(goto::Arguments),
+    Coaxial(coaxial::Arguments),
+    Where(where_::Arguments),
     Focus(focus::Focus),
     Serve(Box<serve::Arguments>),
     Simulate(simulate::Arguments),
@@ -55,7 +67,11 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Stop(a) => a.run(connection, out),
         Command::Settings(a) => a.run(connection, out),
         Command::Autofocus(a) => a.run(connection, out),
-        Command::Calibrate(a) => calibrate::run(*a, out),
+        Command::Calibrate(a) => calibrate::run(*a, connection, out),
+        Command::Objective(a) => a.run(connection, out),
+        Command::Goto(a) => a.run(connection, out),
+        Command::Coaxial(a) => a.run(connection, out),
+        Command::Where(a) => a.run(connection, out),
         Command::Focus(a) => focus::run(a, out),
         Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),

@@ -49,16 +49,14 @@ impl Arguments {
             Some(CameraAddress::Stack(path)) => Some(Arc::new(Stack::open(path)?)),
             _ => None,
         };
-        let paced = connection.is_simulated().then(|| {
-            let mut model = simulated::Model { seed: connection.seed, ..simulated::Model::default() };
-            if let Some(stack) = &stack {
-                let (low, high) = stack.extent();
-                let axis = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
-                model.limits.push((axis, low, high));
-                model.positions.push((axis, low));
-            }
-            Paced::new(simulated::Handle::new(model))
-        });
+        let mut model = simulated::Model { seed: connection.seed, ..simulated::Model::default() };
+        if let Some(stack) = &stack {
+            let (low, high) = stack.extent();
+            let axis = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
+            model.limits.push((axis, low, high));
+            model.positions.push((axis, low));
+        }
+        let paced = connection.simulated(model)?.map(Paced::new);
         let mut watchers = Vec::new();
         let mut wrap = |transport: Box<dyn Transport>| -> Box<dyn Transport> {
             let line = Line::new(transport, Session(fresh_session()));

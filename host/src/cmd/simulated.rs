@@ -1,5 +1,6 @@
 //! The simulated rig as this program's boards and camera: transports and frames out of one virtual world.
 
+use super::remembered::{Memory, Remembered};
 use parfocal::frames::camera::{Camera, CameraError, Frame};
 use parfocal::link::transport::Transport;
 use parfocal::picture::{Picture, Roi};
@@ -21,11 +22,33 @@ pub struct Model {
     pub limits: Vec<(AxisName, Micrometres, Micrometres)>,
     /// Where axes are at the start, other than the rig's own.
     pub positions: Vec<(AxisName, Micrometres)>,
+    /// The objective in the light path, other than its first.
+    pub objective: Option<String>,
+    /// Where its axes' positions are kept from one command to the next.
+    pub memory: Option<Memory>,
 }
 
 /// A running simulated rig. Time passes only while somebody waits for it.
 #[derive(Clone)]
-pub struct Handle(Arc<Mutex<Rig>>);
+pub struct Handle(Arc<World>);
+
+/// The virtual world, and what of it is remembered when it ends.
+struct World {
+    rig: Mutex<Rig>,
+    memory: Option<Memory>,
+}
+
+impl Drop for World {
+    fn drop(&mut self) {
+        let Some(memory) = &self.memory else { return };
+        let rig = self.rig.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let at = |(name, place): (AxisName, Place)| (name, rig.motor(place.board, place.axis));
+        let left = Remembered { positions: axes().into_iter().map(at).collect() };
+        if let Err(error) = memory.keep(&left) {
+            eprintln!("parfocal: {error:#}");
+        }
+    }
+}
 
 /// Boards of the simulated rig by device: the microscope, manipulators 1 and 2.
 fn devices() -> impl Iterator<Item = Device> {
@@ -61,7 +84,24 @@ impl Handle {
                 rig.set_position(place.board, place.axis, *at);
             }
         }
-        Self(Arc::new(Mutex::new(Rig::new(rig))))
+        let mut rig = Rig::new(rig);
+        if let Some(name) = &model.objective {
+            rig.set_objective(name);
+        }
+        Self(Arc::new(World { rig: Mutex::new(rig), memory: model.memory }))
+    }
+
+    /// Turns the turret.
+    ///
+    /// # Errors
+    /// The objectives that it has.
+    pub fn set_objective(&self, name: &str) -> Result<(), String> {
+        let mut rig = self.lock();
+        if rig.set_objective(name) {
+            return Ok(());
+        }
+        let known: Vec<&str> = rig.model().objectives.iter().map(|o| o.name).collect();
+        Err(format!("the simulated microscope has no objective '{name}'; it has {}", known.join(", ")))
     }
 
     /// The rig's camera.
@@ -78,7 +118,7 @@ impl Handle {
     /// The world itself.
     pub fn lock(&self) -> MutexGuard<'_, Rig> {
         // A panic elsewhere ends the program anyway.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.rig.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -23,6 +23,8 @@ pub struct FocusTask {
     pub high: Micrometres,
     /// The region of the frame whose focus counts.
     pub region: Roi,
+    /// Depth of field of the objective in use, µm, if it is known: what lengths of a scan are counted in.
+    pub depth_of_field_um: Option<f64>,
 }
 
 /// Brings an axis into focus.
@@ -45,18 +47,16 @@ pub trait Focuser {
 pub struct ScanFocuser {
     /// The focus measure.
     pub measure: Measure,
-    /// Depth of field: probe, trap and step are counted in it.
-    pub depth_um: f64,
     next: u16,
 }
 
-/// Depth of field of the objective that lengths are given for, µm: 40x/0.8 W.
+/// Depth of field when it is not known, µm: 40x/0.8 W.
 const DEPTH_UM: f64 = 1.0;
 
 impl ScanFocuser {
-    /// A scan with `measure` for an objective with this depth of field; 1 µm when it is not known.
-    pub fn new(measure: Measure, depth_of_field_um: Option<f64>, seed: u64) -> Self {
-        Self { measure, depth_um: depth_of_field_um.unwrap_or(DEPTH_UM), next: seed as u16 }
+    /// Scans with `measure`; `first` begins their numbers, which the board tells apart.
+    pub fn new(measure: Measure, first: u16) -> Self {
+        Self { measure, next: first }
     }
 
     fn parameters(&mut self, axis: Axis, task: &FocusTask) -> Result<ScanParameters, ProcedureError> {
@@ -64,7 +64,8 @@ impl ScanFocuser {
             Ok(at.nanometres().ok_or(StageError::NoPosition { name: task.axis, at: at.0 })?)
         };
         self.next = self.next.wrapping_add(1).max(1);
-        let depths = |n: f64| nm(Micrometres(n * self.depth_um));
+        let depth = task.depth_of_field_um.unwrap_or(DEPTH_UM);
+        let depths = |n: f64| nm(Micrometres(n * depth));
         Ok(ScanParameters {
             scan: ScanId(self.next),
             axis,

@@ -17,11 +17,6 @@ impl<const D: usize> Follow<D> {
         self.dst.push(dst);
     }
 
-    /// The newest pair.
-    pub fn last(&self) -> Option<(SVector<f64, D>, SVector<f64, D>)> {
-        Some((*self.src.last()?, *self.dst.last()?))
-    }
-
     /// The least-squares affine map of all pairs; `None` while they do not span every direction.
     pub fn map(&self) -> Option<Map<D>> {
         if self.src.len() <= D {

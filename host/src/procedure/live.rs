@@ -189,7 +189,9 @@ impl<'a> LiveRig<'a> {
         let settings = self.guard.stage().settings(axis)?;
         let low = range.0.0.max(settings.low.micrometres().0);
         let high = range.1.0.min(settings.high.micrometres().0);
-        let task = FocusTask { axis, low: Micrometres(low), high: Micrometres(high), region };
+        let in_use = self.guard.objective().and_then(|name| self.rig().contents().objectives.get(name));
+        let depth_of_field_um = in_use.and_then(|objective| objective.depth_of_field_um);
+        let task = FocusTask { axis, low: Micrometres(low), high: Micrometres(high), region, depth_of_field_um };
         let from = self.pose()?;
         for end in [task.low, task.high] {
             self.guard.check_from(&from, &[(axis, end)])?;

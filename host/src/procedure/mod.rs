@@ -11,6 +11,7 @@ mod camera;
 mod clicks;
 mod detector;
 mod draw;
+pub mod drawing;
 mod error;
 mod focus;
 mod follow;

@@ -1,12 +1,14 @@
 //! `parfocal calibrate camera`.
 
 use super::{Output, Solving, folder, rows};
+use crate::cmd::connection::Connection;
+use crate::cmd::live::{LiveArguments, PointArguments, Room};
 use anyhow::Context;
 use clap::Args;
 use parfocal::calibration::camera::{CameraFit, fit};
 use parfocal::calibration::chain::Sensor;
 use parfocal::calibration::report;
-use parfocal::calibration::samples::Table;
+use parfocal::procedure::{self, CameraPlan, Purpose};
 use parfocal::rig::{self, CameraCalibration, Moves, Rig};
 
 /// Options of `parfocal calibrate camera`.
@@ -14,6 +16,10 @@ use parfocal::rig::{self, CameraCalibration, Moves, Rig};
 pub struct Camera {
     #[command(flatten)]
     solving: Solving,
+    #[command(flatten)]
+    live: LiveArguments,
+    #[command(flatten)]
+    point: PointArguments,
     /// What moved: the objective with the camera, or the stage under a point fixed on the sample [default: the rig's]
     #[arg(long, value_name = "objective|stage", value_parser = moves)]
     moves: Option<Moves>,
@@ -33,10 +39,26 @@ fn moves(text: &str) -> Result<Moves, String> {
 impl Camera {
     /// # Errors
     /// What stopped it, naming the row or key.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        if self.solving.samples.is_none() {
+            let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
+            if self.solving.dry_run {
+                return super::moves::microscope(&room, self.live.places(), self.solving.report.as_deref(), out);
+            }
+            let plan = CameraPlan {
+                subject: self.point.subject()?,
+                places: self.live.places(),
+                seed: self.solving.seed,
+                focus_within_um: Some(self.live.focus_within_um()),
+            };
+            let recorded = room.run("camera", Purpose::Microscope, &mut |live, finder, recorder, _| {
+                procedure::camera(live, finder, &plan, recorder).map(|_| ())
+            })?;
+            self.solving.take(recorded);
+        }
         let mut rig = self.solving.rig()?;
         let sensor = self.solving.sensor(rig.as_ref())?;
-        let samples = Table::read(&self.solving.samples)?.camera()?;
+        let samples = self.solving.table()?.camera()?;
         let of_rig = rig.as_ref().and_then(|rig| rig.axis("scope.x".parse().ok()?)?.moves);
         let moves = self.moves.or(of_rig).unwrap_or(Moves::Objective);
         let fit = fit(&samples, sensor, moves, &self.solving.options())?;
