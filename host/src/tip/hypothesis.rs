@@ -44,7 +44,8 @@ impl Hypothesis {
             middle,
             far,
             rings,
-            (fit.residual / variance).ln(),
+            // A picture without noise shows more than the model knows.
+            (fit.residual / variance).ln().min(1.5),
             (fit.mix[0].abs() / variance.sqrt() + 1e-3).ln(),
             0.1 * fit.cone.blur.abs(),
         ];

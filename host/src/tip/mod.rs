@@ -43,15 +43,29 @@ pub struct Expect {
     pub tolerance_deg: f64,
     /// Less sure tips are not reported.
     pub confidence: f64,
+    /// Size of a pixel at the sample, µm: says how wide a pipette's opening and its blur are in the picture.
+    pub pixel_um: f64,
 }
+
+/// Pixel size that the detector's lengths are meant for, µm.
+const PIXEL_UM: f64 = 0.32;
+
+/// Halvings of a picture at most.
+const HALVINGS: f64 = 4.0;
 
 impl Default for Expect {
     fn default() -> Self {
-        Self { angle_deg: None, tolerance_deg: 30.0, confidence: 0.5 }
+        Self { angle_deg: None, tolerance_deg: 30.0, confidence: 0.5, pixel_um: PIXEL_UM }
     }
 }
 
 impl Expect {
+    /// How often the picture is halved before it is looked at.
+    fn halvings(&self) -> usize {
+        let times = (PIXEL_UM / self.pixel_um).log2().round();
+        if times > 0.0 { times.min(HALVINGS) as usize } else { 0 }
+    }
+
     fn allows(&self, angle_rad: f64) -> bool {
         self.angle_deg.is_none_or(|expected| {
             let turn = (angle_rad - expected.to_radians() + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;
@@ -79,7 +93,10 @@ pub fn detect_all(view: &View<'_>, expect: &Expect) -> Vec<Tip> {
 
 /// The `most` likeliest places of a tip, settled; those that the detector is sure of.
 fn look(view: &View<'_>, expect: &Expect, most: usize) -> Vec<Tip> {
-    let mut levels = pyramid::levels(view);
+    let halvings = expect.halvings();
+    let scale = (1 << halvings) as f64;
+    let mut levels = pyramid::levels(view, halvings);
+    let (width, height) = (view.width() as f64 / scale, view.height() as f64 / scale);
     let Some(coarsest) = levels.last() else { return Vec::new() };
     let light = light::Light::of(coarsest);
     let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
@@ -91,19 +108,20 @@ fn look(view: &View<'_>, expect: &Expect, most: usize) -> Vec<Tip> {
     found.truncate(CLOSER);
     hypothesis::fine(&levels, noise, &found)
         .iter()
-        .filter(|h| expect.allows(h.fit.cone.angle) && inside(view, h.fit.cone.x, h.fit.cone.y))
+        .filter(|h| expect.allows(h.fit.cone.angle) && inside(width, height, h.fit.cone.x, h.fit.cone.y))
         .take(most)
         .map(|h| settle(&levels, h, noise))
-        .filter(|tip| tip.confidence >= expect.confidence && inside(view, tip.x_px, tip.y_px))
+        .filter(|tip| tip.confidence >= expect.confidence && inside(width, height, tip.x_px, tip.y_px))
+        .map(|tip| Tip { x_px: (tip.x_px + 0.5) * scale - 0.5, y_px: (tip.y_px + 0.5) * scale - 0.5, ..tip })
         .collect()
 }
 
 /// A tip nearer to the edge than this may as well lie beyond it.
 const MARGIN_PX: f64 = 6.0;
 
-fn inside(view: &View<'_>, x: f64, y: f64) -> bool {
-    let within = |v: f64, n: usize| v >= MARGIN_PX && v <= n as f64 - 1.0 - MARGIN_PX;
-    within(x, view.width()) && within(y, view.height())
+fn inside(width: f64, height: f64, x: f64, y: f64) -> bool {
+    let within = |v: f64, n: f64| v >= MARGIN_PX && v <= n - 1.0 - MARGIN_PX;
+    within(x, width) && within(y, height)
 }
 
 /// Detail this far above the noise settles where a pipette ends better than its blur does.
@@ -113,7 +131,7 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
     let polished = hypothesis::polish(levels, noise, best);
     let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
     // Thin glass bends light more than it takes: real tips reach farther than their darkness, and their detail shows it.
-    let end = end::end(levels, &best.fit.cone, noise).filter(|end| end.clarity > CLEAR);
+    let end = end::settled(levels, &best.fit.cone, noise).filter(|end| end.clarity > CLEAR);
     let (x, y, angle) = match end {
         Some(end) => {
             let cone = &best.fit.cone;
@@ -131,52 +149,4 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
         angle_deg: if degrees > 180.0 { degrees - 360.0 } else { degrees },
         confidence: 1.0 / (1.0 + (-log_odds).exp()),
     }
-}
-
-#[doc(hidden)]
-pub fn stages(view: &View<'_>, x: f64, y: f64, deg: f64) -> String {
-    let t0 = cpu();
-    let mut levels = pyramid::levels(view);
-    let light = light::Light::of(levels.last().unwrap());
-    let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
-    for level in &mut levels { light.flatten(level); }
-    let t1 = cpu()-t0;
-    let candidates = search::candidates(&levels, noise, CANDIDATES, |_| true);
-    let t2 = cpu()-t0;
-    let near = |px: f64, py: f64, a: f64, r: f64| (px-x).hypot(py-y) < r && (a-deg.to_radians()).cos() > 0.7;
-    let c = candidates.iter().position(|c| near(c.x, c.y, c.angle, 40.0));
-    let found = hypothesis::coarse(&levels, noise, &candidates);
-    let t3 = cpu()-t0;
-    let k = found.iter().position(|h| near(h.fit.cone.x, h.fit.cone.y, h.fit.cone.angle, 20.0));
-    let d = |h: &Hypothesis| (h.fit.cone.x-x).hypot(h.fit.cone.y-y);
-    let kd = k.map(|k| (d(&found[k]), found[k].log_odds(&hypothesis::COARSE)));
-    let mut top = found.clone(); top.truncate(CLOSER);
-    let fine = hypothesis::fine(&levels, noise, &top);
-    let t4 = cpu()-t0;
-    let f = fine.iter().position(|h| near(h.fit.cone.x, h.fit.cone.y, h.fit.cone.angle, 20.0));
-    let fd = f.map(|f| (d(&fine[f]), fine[f].log_odds(&FINE), settle(&levels, &fine[f], noise)));
-    let s = fd.map(|(_, _, t)| ((t.x_px-x).hypot(t.y_px-y), t.confidence));
-    format!("cand {c:?} coarse {k:?} {kd:.1?} fine {f:?} {:.1?} settled {s:.2?} ms {t1:.1} {t2:.1} {t3:.1} {t4:.1}", fd.map(|f|(f.0,f.1)))
-}
-
-#[doc(hidden)]
-pub fn cpu() -> f64 {
-    std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap() / 1e6
-}
-
-#[doc(hidden)]
-pub fn features(view: &View<'_>) -> Vec<(f64, f64, f64, Vec<f64>, Vec<f64>)> {
-    let mut levels = pyramid::levels(view);
-    let light = light::Light::of(levels.last().unwrap());
-    let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
-    for level in &mut levels { light.flatten(level); }
-    let candidates = search::candidates(&levels, noise, CANDIDATES, |_| true);
-    let found = hypothesis::coarse(&levels, noise, &candidates);
-    let mut out: Vec<_> = found.iter().map(|h| (h.fit.cone.x, h.fit.cone.y, h.fit.cone.angle, h.evidence.to_vec(), vec![])).collect();
-    let mut top = found.clone(); top.truncate(CLOSER);
-    for h in hypothesis::fine(&levels, noise, &top) {
-        let t = settle(&levels, &h, noise);
-        out.push((t.x_px, t.y_px, t.angle_deg.to_radians(), vec![], h.evidence.to_vec()));
-    }
-    out
 }
