@@ -57,7 +57,8 @@ pub fn calibrate(work: &mut Work<'_>, rig: &Rig, plan: &Plan, records: &Records)
     let start = live.pose()?;
     let mut run = Run { live: &mut live, eyes, place, fit: None };
     let done = run.whole(records);
-    let (samples, found) = (run.place, run.fit);
+    let samples = run.place.opened.recorder.path().map_or("memory".into(), |path| path.display().to_string());
+    let found = run.fit;
     if live.guard.keep_on() {
         let back = [Coordinate::X, Coordinate::Y].map(|coordinate| {
             let axis = AxisName { device: Device::Scope, coordinate };
@@ -66,7 +67,6 @@ pub fn calibrate(work: &mut Work<'_>, rig: &Rig, plan: &Plan, records: &Records)
         live.move_to(&back)?;
     }
     done?;
-    let samples = samples.opened.recorder.path().map_or("memory".into(), |path| path.display().to_string());
     found.map(|fit| Found { fit, samples }).ok_or(AutoError::NoTip { reach_um: plan.reach_um })
 }
 

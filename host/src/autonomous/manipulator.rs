@@ -284,7 +284,8 @@ impl Run<'_, '_> {
             match self.live.move_to(&to) {
                 Ok(()) => {
                     let gaze = self.gaze.clone().ok_or(AutoError::NoTip { reach_um: self.plan.reach_um })?;
-                    let seen = gaze.focus(self.live, self.eyes, self.near(pixel), self.plan.focus_um)?;
+                    let near = self.near(pixel);
+                    let seen = gaze.focus(self.live, self.eyes, near, self.plan.focus_um)?;
                     self.keep(&seen)?;
                     return Ok(());
                 }
@@ -351,7 +352,8 @@ impl Run<'_, '_> {
         let mut to: Targets = targets(self.device(), arm.joints_for(place).coordinates);
         to.push((focus_axis(), Micrometres(here.0 + up)));
         let looked = self.live.move_to(&to).map_err(AutoError::from).and_then(|()| {
-            let seen = gaze.focus(self.live, self.eyes, self.near(pixel), self.plan.focus_um)?;
+            let near = self.near(pixel);
+            let seen = gaze.focus(self.live, self.eyes, near, self.plan.focus_um)?;
             let places = shank::follow(self.live, &self.chain, &seen)?;
             Ok((seen, places))
         });

@@ -25,6 +25,7 @@ mod simulated;
 mod status;
 mod stop;
 mod tip;
+mod unattended;
 mod where_;
 
 pub use connection::Connection;
@@ -75,7 +76,7 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Focus(a) => focus::run(a, out),
         Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),
-        Command::Tip(a) => a.run(out),
+        Command::Tip(a) => a.run(connection, out),
     }
 }
 
