@@ -1,5 +1,6 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
+mod all;
 mod camera;
 mod into_view;
 mod latency;
@@ -30,6 +31,8 @@ pub struct Calibrate {
 
 #[derive(Debug, Subcommand)]
 enum Action {
+    /// Everything, with nobody at the microscope: the camera, then every manipulator
+    All(all::All),
     /// The camera's matrix, from a fixed point seen from several microscope positions
     Camera(camera::Camera),
     /// A manipulator's map to ref, from its tip in focus at several of its positions
@@ -52,6 +55,7 @@ enum Action {
 /// What stopped it, naming the row or key; nothing is changed then.
 pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow::Result<()> {
     match calibrate.action {
+        Action::All(all) => all.run(connection, out),
         Action::Camera(camera) => camera.run(connection, out),
         Action::Registration(registration) => registration.run(connection, out),
         Action::Objective(objective) => objective.run(connection, out),
