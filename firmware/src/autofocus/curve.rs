@@ -214,9 +214,9 @@ impl Curve {
 
     /// The place nearest to a position, within the range.
     pub fn place(&self, z: Nanometres) -> Place {
-        let off = z.0 - self.origin;
+        let off = z.0.saturating_sub(self.origin);
         let half = if off < 0 { -self.unit / 2 } else { self.unit / 2 };
-        Place(((off + half) / self.unit).clamp(self.first, self.last))
+        Place((off.saturating_add(half) / self.unit).clamp(self.first, self.last))
     }
 
     /// A length in whole places, rounded up to full sample steps.
@@ -235,7 +235,7 @@ impl Curve {
     pub fn add(&mut self, z: Nanometres, value: FocusValue) {
         let value = value.0;
         let place = self.place(z).0;
-        let off = (z.0 - self.position(Place(place)).0) as f32 / self.unit as f32;
+        let off = z.0.saturating_sub(self.position(Place(place)).0) as f32 / self.unit as f32;
         if self.frames == 0 {
             self.reference = value;
         }
@@ -244,7 +244,7 @@ impl Curve {
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());
-        self.trend.add(f64::from(z.0 - self.origin) / f64::from(self.unit), value - self.reference);
+        self.trend.add(f64::from(z.0.saturating_sub(self.origin)) / f64::from(self.unit), value - self.reference);
         let moved = place != self.here;
         self.here = place;
 
@@ -332,7 +332,8 @@ impl Curve {
         Some((Place(self.first + i * width + width / 2), bin.mean))
     }
 
-    fn bin_width(&self) -> i32 {
+    /// Places that a bin spans.
+    pub fn bin_width(&self) -> i32 {
         (self.last - self.first) / Self::BINS as i32 + 1
     }
 

@@ -102,7 +102,11 @@ fn two_peaks(curve: &Curve, trap: i32, height: f64) -> Result<(), ScanRefusal> {
             if v < lowest {
                 lowest = v;
             }
-            if (p.0 - place).abs() as f32 > FAR * trap as f32 && share(lowest) < APART && share(v) > ALIKE {
+            // Between the middles of two bins lies up to a bin more than between what was seen of them.
+            if ((p.0 - place).abs() - curve.bin_width()) as f32 > FAR * trap as f32
+                && share(lowest) < APART
+                && share(v) > ALIKE
+            {
                 return Err(ScanRefusal::TwoPeaks);
             }
         }
