@@ -157,7 +157,12 @@ fn scan(elf: &Path, link: Link) -> anyhow::Result<(String, Times)> {
         let most = counts.iter().copied().max().unwrap_or(0);
         most as f64 * CYCLES_PER_INSTRUCTION / (crate::chip::CORE_HZ as f64 / 1e6)
     };
-    let times = Times { decision_us: us(&decided), planned_us: us(&planned), answer_ms: slowest.as_secs_f64() * 1e3 };
+    let times = Times {
+        decision_us: us(&decided),
+        judgement_us: us(&[judgement]),
+        planned_us: us(&planned),
+        answer_ms: slowest.as_secs_f64() * 1e3,
+    };
     let said = format!(
         "{} samples, focus at {} µm; at most {:.0} µs for a decision ({:.0} µs for the last), {:.0} µs with the move planned, {:.2} ms for an answer",
         visited.len(),
