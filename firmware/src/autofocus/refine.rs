@@ -67,7 +67,7 @@ impl Refine {
         let Some((from, to)) = Self::window(curve, self.trap) else { return Next::Enough };
         let here = curve.here().0;
         let sigma = curve.noise().relative();
-        let all = || (from.0..=to.0).filter_map(|p| peak::top(curve, Place(p)).map(|top| (p, top)));
+        let all = || peak::tops(curve, from, to).map(|(place, top)| (place.0, top));
         // A quiet curve has few tops: they are kept. Were there more, they are found again.
         let mut kept: Vec<(i32, Peak), TOPS> = Vec::new();
         let fits = all().all(|top| kept.push(top).is_ok());
