@@ -24,7 +24,7 @@ pub struct Figures {
     /// The same on three axes together.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub single_edge_steps_per_s_3_axes: Option<u64>,
-    /// Instructions of the step interrupt a step at constant speed, rising edges.
+    /// Instructions of the step interrupt a step at constant speed, rising edges: a record a step.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instructions_per_step_cruise: Option<f64>,
     /// The same while speeding up.
@@ -33,7 +33,10 @@ pub struct Figures {
     /// Instructions of the step interrupt a step at constant speed, both edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instructions_per_edge_cruise: Option<f64>,
-    /// Mean part of its period that the step interrupt takes, one axis at its top rate, both edges.
+    /// The same while speeding up. A record has two edges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions_per_edge_ramp: Option<f64>,
+    /// Greatest part of its period that the step interrupt takes in a whole move, one axis at its top rate, both edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub service_load_1_axis: Option<f64>,
     /// The same, three axes.

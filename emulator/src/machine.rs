@@ -104,7 +104,7 @@ enum Answer {
 /// A passage of the core at a watched place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hit {
-    /// The instruction's address, or the address written.
+    /// The instruction's address.
     pub address: u64,
     /// Instructions executed so far.
     pub instructions: u64,
@@ -280,11 +280,6 @@ impl Machine {
     /// Counts passages at an instruction, from now on.
     pub fn watch_instruction(&self, address: u64) {
         self.tell(Order::Watch(Watch::Instruction(address)));
-    }
-
-    /// Counts stores into a word, from now on.
-    pub fn watch_word(&self, address: u64) {
-        self.tell(Order::Watch(Watch::Writes { address, length: 4 }));
     }
 
     /// Switches off, and says what is left.

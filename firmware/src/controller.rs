@@ -182,7 +182,8 @@ impl<B: Board> Controller<B> {
             }
             Request::AutofocusSample(sample) => self.focusing.sample(now, &sample, motion, board).map(Response::Scan),
             Request::AutofocusSweepSample(sample) => {
-                self.focusing.sweep_sample(now, &sample, motion, board).map(Response::Scan)
+                let swept = self.focusing.sweep_sample(now, &sample, motion, board);
+                swept.map(|(z, state)| Response::Swept { z, state })
             }
             Request::AutofocusState => Ok(Response::Scan(self.focusing.state())),
             Request::AutofocusAbort { scan } => self.focusing.abort(now, scan, motion, board).map(Response::Scan),

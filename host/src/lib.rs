@@ -2,12 +2,15 @@
 //! manipulators, and finds pipette tips. The command `parfocal` is built on it.
 
 pub mod autofocus;
+pub mod autonomous;
 pub mod calibration;
 pub mod clock;
 pub mod focus;
 pub mod frames;
 pub mod link;
+pub mod page;
 pub mod picture;
+pub mod procedure;
 pub mod rig;
 pub mod settings;
 pub mod stage;

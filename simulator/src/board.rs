@@ -122,10 +122,9 @@ impl VirtualBoard {
         }
         let dt = now - self.lived;
         self.lived = now;
-        for (i, stage) in self.stages.iter_mut().enumerate() {
-            let settings = self.model.axes[i].settings;
-            let motor = self.controller.board_mut().motor(i);
-            stage.follow(Micrometres(f64::from(motor.0) / f64::from(settings.steps_per_um.0)), dt);
+        for i in 0..self.stages.len() {
+            let motor = self.motor(i);
+            self.stages[i].follow(motor, dt);
         }
         self.remember(now);
     }
@@ -151,6 +150,13 @@ impl VirtualBoard {
             hardware.inputs_mut().low_switch[i] = motor <= end(s.low, -BEYOND_NM);
             hardware.inputs_mut().high_switch[i] = motor >= end(s.high, BEYOND_NM);
         }
+    }
+
+    /// Where a motor stands, by the steps that its driver saw.
+    pub fn motor(&mut self, axis: usize) -> Micrometres {
+        let Some(model) = self.model.axes.get(axis) else { return Micrometres(0.0) };
+        let scale = f64::from(model.settings.steps_per_um.0);
+        Micrometres(f64::from(self.controller.board_mut().motor(axis).0) / scale)
     }
 
     fn remember(&mut self, now: u64) {

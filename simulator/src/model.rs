@@ -2,6 +2,7 @@
 
 use crate::camera::CameraTiming;
 use crate::mechanics::Stage;
+use crate::scene::Optics;
 use parfocal_protocol::settings::{AxisSettings, Side};
 use parfocal_protocol::units::{
     AXES, Axis, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds,
@@ -69,6 +70,32 @@ pub struct CameraModel {
     pub read_noise: f64,
 }
 
+/// An objective on the virtual turret.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectiveModel {
+    /// What is engraved on it.
+    pub name: &'static str,
+    /// Size of its pixel in pixels of the first objective (α of the calibration).
+    pub alpha: f64,
+    /// Where it looks, from where the first one does, µm (κ).
+    pub kappa_um: [f64; 3],
+    /// How it blurs.
+    pub optics: Optics,
+    /// Its depth of field, µm.
+    pub depth_of_field_um: f64,
+}
+
+impl ObjectiveModel {
+    /// A weak one, to find lost tips with; a model has it when it is added.
+    pub const SEARCHER: Self = Self {
+        name: "4x",
+        alpha: 10.06,
+        kappa_um: [-35.0, 22.0, 12.0],
+        optics: Optics::DRY_4X,
+        depth_of_field_um: 55.0,
+    };
+}
+
 /// A whole virtual rig. Board 0 is the microscope (x, y, z move the objective), board n manipulator n.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigModel {
@@ -78,8 +105,10 @@ pub struct RigModel {
     pub boards: Vec<BoardModel>,
     /// The manipulators.
     pub manipulators: Vec<ManipulatorModel>,
-    /// The camera.
+    /// The camera, its matrix as the first objective sees it.
     pub camera: CameraModel,
+    /// The turret; the first objective is in the light path at the start.
+    pub objectives: Vec<ObjectiveModel>,
     /// Time that bytes take between host and board, µs.
     pub link_us: u64,
 }
@@ -119,7 +148,7 @@ fn coarse() -> AxisSettings {
 }
 
 impl RigModel {
-    /// The rig that `parfocal` works on without a port: a microscope with a 40x objective, a camera, and two manipulators
+    /// The rig that `parfocal` works on without a port: a microscope with a 40x and a 20x objective, a camera, and two manipulators
     /// whose axes are as oblique as a real pair's (59.7°, `data/acq4_manipulator_points` in docs/data.md).
     pub fn new(seed: u64) -> Self {
         let stage = Stage { backlash_um: 0.0, lag_ms: 2.0 };
@@ -155,6 +184,22 @@ impl RigModel {
                 shot_noise: 0.01,
                 read_noise: 0.001,
             },
+            objectives: vec![
+                ObjectiveModel {
+                    name: "40x",
+                    alpha: 1.0,
+                    kappa_um: [0.0; 3],
+                    optics: Optics::WATER_40X,
+                    depth_of_field_um: 1.0,
+                },
+                ObjectiveModel {
+                    name: "20x",
+                    alpha: 2.013,
+                    kappa_um: [7.4, -4.2, 3.1],
+                    optics: Optics::DRY_20X,
+                    depth_of_field_um: 2.6,
+                },
+            ],
             link_us: 300,
         }
     }

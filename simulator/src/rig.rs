@@ -2,7 +2,7 @@
 
 use crate::board::VirtualBoard;
 use crate::camera::{FrameTimes, VirtualCamera};
-use crate::model::RigModel;
+use crate::model::{ObjectiveModel, RigModel};
 use crate::scene::{Exposure, Frame, Light, Pipette, Region, Scene, Viewpoint};
 use parfocal_protocol::units::{Axis, Micrometres};
 
@@ -12,6 +12,21 @@ const TICK_US: u64 = 250;
 /// Steps in which they live while none is.
 const IDLE_US: u64 = 1000;
 
+/// A frame that was exposed and not rendered yet.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    scene: Scene,
+    view: Viewpoint,
+    exposure: Exposure,
+}
+
+impl Shot {
+    /// The picture.
+    pub fn render(&self) -> Frame {
+        self.scene.render(&self.view, &self.exposure)
+    }
+}
+
 /// A virtual rig.
 pub struct Rig {
     model: RigModel,
@@ -19,6 +34,7 @@ pub struct Rig {
     boards: Vec<VirtualBoard>,
     camera: VirtualCamera,
     scene: Scene,
+    objective: usize,
     pending: Option<FrameTimes>,
 }
 
@@ -33,7 +49,7 @@ impl Rig {
             .collect();
         let camera = VirtualCamera::new(model.camera.timing, model.seed);
         let scene = Scene { light: Light { vignetting: 0.08, slope: [0.02, -0.01] }, ..Scene::default() };
-        Self { model, now: 0, boards, camera, scene, pending: None }
+        Self { model, now: 0, boards, camera, scene, objective: 0, pending: None }
     }
 
     /// What it is made of.
@@ -59,6 +75,18 @@ impl Rig {
     /// What lies under the microscope besides the pipettes; cells and debris may be put there.
     pub fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
+    }
+
+    /// The objective in the light path.
+    pub fn objective(&self) -> Option<&ObjectiveModel> {
+        self.model.objectives.get(self.objective)
+    }
+
+    /// Turns the turret; false when it has no such objective.
+    pub fn set_objective(&mut self, name: &str) -> bool {
+        let place = self.model.objectives.iter().position(|o| o.name == name);
+        self.objective = place.unwrap_or(self.objective);
+        place.is_some()
     }
 
     /// Bytes from a program to a board.
@@ -91,6 +119,18 @@ impl Rig {
 
     /// The next frame, waiting for it until `deadline` µs. It shows the world at the middle of its exposure.
     pub fn next_frame(&mut self, deadline: u64) -> Option<(FrameTimes, Frame)> {
+        self.next_shot(deadline).map(|(times, shot)| (times, shot.render()))
+    }
+
+    /// The next frame as what it is going to show: rendering it takes time in which the rig may live on.
+    pub fn next_shot(&mut self, deadline: u64) -> Option<(FrameTimes, Shot)> {
+        let times = self.next_times(deadline)?;
+        let shot = self.shot(&times);
+        Some((times, shot))
+    }
+
+    /// As [`Rig::next_frame`], without drawing what it shows.
+    pub fn next_times(&mut self, deadline: u64) -> Option<FrameTimes> {
         let times = match self.pending.take() {
             Some(times) => times,
             None => self.camera.next_frame(self.now),
@@ -100,8 +140,7 @@ impl Rig {
             self.pending = Some(times);
             return None;
         }
-        let frame = self.picture(&times);
-        Some((times, frame))
+        Some(times)
     }
 
     /// A region around the tip of manipulator `n` (from 0) in the picture, if it is in view.
@@ -127,6 +166,12 @@ impl Rig {
         known.unwrap_or(Micrometres(0.0))
     }
 
+    /// Where an axis' motor stands, by the steps that its driver saw.
+    pub fn motor(&mut self, board: usize, axis: Axis) -> Micrometres {
+        let known = self.boards.get_mut(board).zip(axis.index()).map(|(board, axis)| board.motor(axis));
+        known.unwrap_or(Micrometres(0.0))
+    }
+
     fn positions(&self, board: usize, at: u64) -> [f64; 3] {
         std::array::from_fn(|i| self.truth(board, Axis(i as u8), at).0)
     }
@@ -135,9 +180,13 @@ impl Rig {
     pub fn viewpoint(&self, at: u64) -> Viewpoint {
         let [x, y, z] = self.positions(0, at);
         let camera = &self.model.camera;
-        let [[a, b], [c, d]] = camera.matrix_um_per_px;
-        let level = Viewpoint::level([x, y], z, 1.0, camera.width, camera.height);
-        Viewpoint { matrix_um_per_px: [[a, b], [c, d]], ..level }
+        let level = |x, y, z| Viewpoint::level([x, y], z, 1.0, camera.width, camera.height);
+        let Some(objective) = self.objective() else {
+            return Viewpoint { matrix_um_per_px: camera.matrix_um_per_px, ..level(x, y, z) };
+        };
+        let [kx, ky, kz] = objective.kappa_um;
+        let matrix_um_per_px = camera.matrix_um_per_px.map(|row| row.map(|a| objective.alpha * a));
+        Viewpoint { matrix_um_per_px, optics: objective.optics, ..level(x + kx, y + ky, z + kz) }
     }
 
     /// The pipettes where their manipulators hold them, at a time.
@@ -153,7 +202,7 @@ impl Rig {
         self.model.manipulators.iter().enumerate().map(held).collect()
     }
 
-    fn picture(&mut self, times: &FrameTimes) -> Frame {
+    fn shot(&mut self, times: &FrameTimes) -> Shot {
         let at = times.middle();
         self.scene.pipettes = self.pipettes(at);
         let camera = &self.model.camera;
@@ -163,7 +212,7 @@ impl Rig {
             read_noise: camera.read_noise,
             seed: self.model.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(times.number),
         };
-        self.scene.render(&self.viewpoint(at), &exposure)
+        Shot { scene: self.scene.clone(), view: self.viewpoint(at), exposure }
     }
 
     fn step(&mut self, until: u64) {

@@ -60,6 +60,17 @@ fn a_scan_through_a_serial_port_visits_the_same_places_as_in_the_simulator() {
 }
 
 #[test]
+fn a_sweep_through_a_serial_port_finds_the_peak() {
+    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/curve.csv");
+    let camera = format!("curve:{}", golden.display());
+    let board = Simulated::start();
+    let (code, said) = parfocal_json(&["--port", &board.ports[0], "autofocus", "--mode", "sweep", "--camera", &camera]);
+    // The curve's highest point; frames lie up to 2 µm apart.
+    let z = said["z_um"].as_f64().unwrap();
+    assert!(code == 0 && (z - 17.0).abs() <= 1.5, "{said}");
+}
+
+#[test]
 fn a_board_answers_one_program_at_a_time_and_the_next_one_after_it() {
     let board = Simulated::start();
     let port = board.ports[0].as_str();

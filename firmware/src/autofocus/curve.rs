@@ -12,6 +12,9 @@ pub const STRIDE: i32 = 2;
 /// Sample steps over which the level at an end of the curve is averaged.
 const END: i32 = 8;
 
+/// Frames within this part of a place of each other show the same.
+const SAME: f64 = 0.05;
+
 /// A place on the scan's grid: the start plus this many half sample steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place(pub i32);
@@ -211,9 +214,9 @@ impl Curve {
 
     /// The place nearest to a position, within the range.
     pub fn place(&self, z: Nanometres) -> Place {
-        let off = z.0 - self.origin;
+        let off = z.0.saturating_sub(self.origin);
         let half = if off < 0 { -self.unit / 2 } else { self.unit / 2 };
-        Place(((off + half) / self.unit).clamp(self.first, self.last))
+        Place((off.saturating_add(half) / self.unit).clamp(self.first, self.last))
     }
 
     /// A length in whole places, rounded up to full sample steps.
@@ -232,7 +235,7 @@ impl Curve {
     pub fn add(&mut self, z: Nanometres, value: FocusValue) {
         let value = value.0;
         let place = self.place(z).0;
-        let off = (z.0 - self.position(Place(place)).0) as f32 / self.unit as f32;
+        let off = z.0.saturating_sub(self.position(Place(place)).0) as f32 / self.unit as f32;
         if self.frames == 0 {
             self.reference = value;
         }
@@ -241,7 +244,7 @@ impl Curve {
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());
-        self.trend.add(f64::from(z.0 - self.origin) / f64::from(self.unit), value - self.reference);
+        self.trend.add(f64::from(z.0.saturating_sub(self.origin)) / f64::from(self.unit), value - self.reference);
         let moved = place != self.here;
         self.here = place;
 
@@ -251,6 +254,8 @@ impl Curve {
         } else {
             let before = slot.mean;
             let scale = magnitude(before);
+            // In a sweep the next frame lies a little further on the slope: no noise, either.
+            let again = magnitude(f64::from(off - slot.off)) < SAME;
             slot.frames = slot.frames.saturating_add(1);
             slot.mean += (value - slot.mean) / f64::from(slot.frames);
             slot.off += (off - slot.off) / f32::from(slot.frames);
@@ -258,7 +263,7 @@ impl Curve {
                 // A return: tells of drifting light, not of noise.
                 self.revisits.frames += 1;
                 self.revisits.mean += ((value - before) / scale - self.revisits.mean) / f64::from(self.revisits.frames);
-            } else {
+            } else if again {
                 let after = slot.mean;
                 self.noise.add(value, before, after, scale);
             }
@@ -327,7 +332,8 @@ impl Curve {
         Some((Place(self.first + i * width + width / 2), bin.mean))
     }
 
-    fn bin_width(&self) -> i32 {
+    /// Places that a bin spans.
+    pub fn bin_width(&self) -> i32 {
         (self.last - self.first) / Self::BINS as i32 + 1
     }
 

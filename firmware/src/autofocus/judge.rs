@@ -45,9 +45,7 @@ pub fn judge(curve: &Curve, trap: i32, subject: Subject, sweeping: bool) -> Resu
     if subject == Subject::PhaseObject {
         return valley.filter(|v| v.is_focus(peak.value)).map(|v| v.bottom).ok_or(ScanRefusal::NoSignificantPeak);
     }
-    if !sweeping {
-        drifts(curve, height, peak.value)?;
-    }
+    drifts(curve, height, peak.value, sweeping)?;
     at_edge(curve, &peak, height)?;
     if ![Side::Low, Side::High].iter().all(|s| fell(curve, *s)) {
         return Err(ScanRefusal::NoSignificantPeak);
@@ -104,7 +102,11 @@ fn two_peaks(curve: &Curve, trap: i32, height: f64) -> Result<(), ScanRefusal> {
             if v < lowest {
                 lowest = v;
             }
-            if (p.0 - place).abs() as f32 > FAR * trap as f32 && share(lowest) < APART && share(v) > ALIKE {
+            // Between the middles of two bins lies up to a bin more than between what was seen of them.
+            if ((p.0 - place).abs() - curve.bin_width()) as f32 > FAR * trap as f32
+                && share(lowest) < APART
+                && share(v) > ALIKE
+            {
                 return Err(ScanRefusal::TwoPeaks);
             }
         }
@@ -113,14 +115,16 @@ fn two_peaks(curve: &Curve, trap: i32, height: f64) -> Result<(), ScanRefusal> {
 }
 
 /// Refuses a curve whose values ran away at rest, or whose places had changed when they were visited again.
-fn drifts(curve: &Curve, height: f64, top: f64) -> Result<(), ScanRefusal> {
+///
+/// A sweep comes back over a place the other way, late by what is not calibrated: that is no change of light.
+fn drifts(curve: &Curve, height: f64, top: f64, sweeping: bool) -> Result<(), ScanRefusal> {
     let rest = curve.rest();
     let sure = magnitude(rest.significance(curve.noise().relative() * magnitude(curve.reference()))) > RUNAWAY;
     if sure && magnitude(rest.slope()) * f64::from(curve.frames()) > DRIFT * height {
         return Err(ScanRefusal::LightDrifts);
     }
     let again = curve.revisits();
-    if again.frames < 2 {
+    if sweeping || again.frames < 2 {
         return Ok(());
     }
     let change = magnitude(again.mean);

@@ -145,7 +145,15 @@ fn solve(c: [f64; 3], target: f64, end: f64) -> f64 {
             break;
         }
         let change = off / slope;
-        y = (y + change).clamp(0.0, end);
+        // Not `clamp`: its panic would bring the formatting of floats into the firmware, 25 KiB.
+        let next = y + change;
+        y = if !(next > 0.0) {
+            0.0
+        } else if next < end {
+            next
+        } else {
+            end
+        };
         // What Newton leaves of a change is its square times s''/2s', and that is 1/y at most.
         if change * change < end * 1e-11 * y {
             break;

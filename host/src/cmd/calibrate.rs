@@ -1,10 +1,16 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
+mod all;
 mod camera;
+mod into_view;
+mod latency;
+mod moves;
 mod objective;
 mod pipette;
 mod registration;
 
+use super::connection::Connection;
+use super::live::Recorded;
 use super::{Output, coarse};
 use anyhow::Context;
 use clap::{Args, Subcommand};
@@ -12,6 +18,7 @@ use nalgebra::Matrix2;
 use parfocal::calibration::camera::Options;
 use parfocal::calibration::chain::Sensor;
 use parfocal::calibration::robust::{Estimator, Solution};
+use parfocal::calibration::samples::Table;
 use parfocal::rig::{Record, Rig};
 use std::path::{Path, PathBuf};
 
@@ -24,6 +31,8 @@ pub struct Calibrate {
 
 #[derive(Debug, Subcommand)]
 enum Action {
+    /// Everything, with nobody at the microscope: the camera, then every manipulator
+    All(all::All),
     /// The camera's matrix, from a fixed point seen from several microscope positions
     Camera(camera::Camera),
     /// A manipulator's map to ref, from its tip in focus at several of its positions
@@ -32,21 +41,28 @@ enum Action {
     Objective(objective::Objective),
     /// A pipette's direction: descent and azimuth
     Pipette(pipette::Pipette),
+    /// How late the camera's frames come, for sweeps with one that does not tell when it exposes
+    Latency(Box<latency::Latency>),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
+    /// A tip into the microscope's picture, by its marker
+    IntoView(into_view::IntoView),
     /// The objective's height after a turn of the coarse focus knob
     ObjectiveHeight(coarse::height::Arguments),
 }
 
 /// # Errors
 /// What stopped it, naming the row or key; nothing is changed then.
-pub fn run(calibrate: Calibrate, out: Output) -> anyhow::Result<()> {
+pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow::Result<()> {
     match calibrate.action {
-        Action::Camera(camera) => camera.run(out),
-        Action::Registration(registration) => registration.run(out),
-        Action::Objective(objective) => objective.run(out),
-        Action::Pipette(pipette) => pipette.run(out),
+        Action::All(all) => all.run(connection, out),
+        Action::Camera(camera) => camera.run(connection, out),
+        Action::Registration(registration) => registration.run(connection, out),
+        Action::Objective(objective) => objective.run(connection, out),
+        Action::Pipette(pipette) => pipette.run(connection, out),
+        Action::Latency(latency) => latency.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
 }
@@ -54,13 +70,13 @@ pub fn run(calibrate: Calibrate, out: Output) -> anyhow::Result<()> {
 /// What solving samples takes.
 #[derive(Debug, Args)]
 struct Solving {
-    /// Recorded samples: CSV with a header (columns: docs/calibrating.md)
+    /// Recorded samples: CSV with a header (columns: docs/calibrating.md); without it the rig itself is looked at, live
     #[arg(long, value_name = "FILE.csv")]
-    samples: PathBuf,
+    samples: Option<PathBuf>,
     /// Largest error of a sample that counts [default: four standard deviations, from the samples]
     #[arg(long, value_name = "UM", value_parser = positive)]
     tolerance_um: Option<f64>,
-    /// Seed of the random draws
+    /// Seed of the random draws, and of live moves
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     seed: u64,
     /// robust, or plain: a fixed number of random draws, for comparison
@@ -72,7 +88,7 @@ struct Solving {
     /// The rig: read for what is calibrated already, and the result put in force there
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Leave the rig's file as it is
+    /// Leave the rig's file as it is; live: only draw the moves, and move nothing
     #[arg(long)]
     dry_run: bool,
     /// The full sensor, unbinned [default: the rig's camera]
@@ -81,6 +97,18 @@ struct Solving {
 }
 
 impl Solving {
+    /// The samples' table.
+    fn table(&self) -> anyhow::Result<Table> {
+        let path = self.samples.as_deref().context("there are no samples: give --samples FILE.csv")?;
+        Ok(Table::read(path)?)
+    }
+
+    /// Takes what a live procedure recorded for what a person handed in.
+    fn take(&mut self, recorded: Recorded) {
+        self.samples = Some(recorded.samples);
+        self.image_size = self.image_size.or(Some(recorded.sensor));
+    }
+
     fn options(&self) -> Options {
         Options { tolerance_um: self.tolerance_um, seed: self.seed, estimator: self.estimator }
     }
@@ -115,7 +143,7 @@ impl Solving {
         Record {
             date: now(),
             seed: self.seed,
-            samples: self.samples.display().to_string(),
+            samples: self.samples.as_deref().map_or_else(String::new, |path| path.display().to_string()),
             tolerance_um: solution.tolerance,
             rms_um: solution.rms(),
             residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
@@ -125,7 +153,7 @@ impl Solving {
 }
 
 /// The time, RFC 3339.
-fn now() -> String {
+pub(super) fn now() -> String {
     humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
 }
 
@@ -143,7 +171,7 @@ fn sensor(text: &str) -> Result<Sensor, String> {
 }
 
 /// Reads a number above 0.
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(|| format!("'{text}' is not above 0"))
 }
 

@@ -1,8 +1,10 @@
 //! `--port`, `--rig` and the rest: which rig a command talks to.
 
+use super::remembered::{Memory, is_of_simulated_rig};
 use super::simulated;
 use anyhow::{Context, bail};
 use parfocal::link::serial::{Serial, ports};
+use parfocal::link::transport::Transport;
 use parfocal::link::{Link, LinkError, LinkOptions};
 use parfocal::rig::{AxisName, BoardId, Coordinate, Device, Rig};
 use parfocal::stage::{Place, Stage, role};
@@ -28,6 +30,9 @@ pub struct Connection {
     pub seed: u64,
 }
 
+/// No cable of the simulated rig is ever pulled; in real time a busy computer may keep its boards from answering for seconds.
+const SIMULATED_LINK: LinkOptions = LinkOptions { retry_ms: 100, deadline_ms: 10_000, reconnect_ms: 3000 };
+
 /// The name of the simulated rig's port.
 pub const SIMULATED: &str = "sim";
 
@@ -49,13 +54,37 @@ pub struct Bench {
 }
 
 impl Connection {
-    /// Whether the simulated rig is meant.
+    /// Whether the simulated rig is meant: said so, nothing said, or a rig's file whose boards are the simulated ones.
     pub fn is_simulated(&self) -> bool {
-        match &self.port[..] {
-            [] => self.rig.is_none(),
-            [one] => one == SIMULATED,
+        match (&self.port[..], &self.rig) {
+            ([], None) => true,
+            ([], Some(path)) => Rig::load(path).is_ok_and(|rig| is_of_simulated_rig(&rig)),
+            ([one], _) => one == SIMULATED,
             _ => false,
         }
+    }
+
+    /// The simulated rig, if it is meant. With a rig's file its axes are where the last command left them, and the
+    /// objective that the file says is in use is in its light path.
+    ///
+    /// # Errors
+    /// What is wrong with the rig's file, or with what is remembered beside it.
+    pub fn simulated(&self, mut model: simulated::Model) -> anyhow::Result<Option<simulated::Handle>> {
+        if !self.is_simulated() {
+            return Ok(None);
+        }
+        if let Some(path) = &self.rig {
+            let rig = Rig::load(path).with_context(|| path.display().to_string())?;
+            model.objective = model.objective.or_else(|| rig.contents().objective_in_use.clone());
+            // A recording takes an axis' place: nothing to remember.
+            if model.limits.is_empty() {
+                let memory = Memory::beside(path);
+                let mut positions: Vec<_> = memory.recall()?.positions.into_iter().collect();
+                positions.append(&mut model.positions);
+                (model.positions, model.memory) = (positions, Some(memory));
+            }
+        }
+        Ok(Some(simulated::Handle::new(model)))
     }
 
     /// Connects, saying on stderr when it is to the simulated rig.
@@ -63,24 +92,45 @@ impl Connection {
     /// # Errors
     /// What is wrong with a port or with the rig's file.
     pub fn open(&self, purpose: Purpose, model: simulated::Model) -> anyhow::Result<Bench> {
+        let handle = self.simulated(model)?;
+        let boards = handle.as_ref().map(|handle| handle as &dyn simulated::Boards);
+        let stage = self.stage(purpose, boards, &mut |transport| transport)?;
+        Ok(Bench { stage, simulated: handle })
+    }
+
+    /// The axes, each board's transport wrapped on its way to its link; on the simulated rig if there is one.
+    ///
+    /// # Errors
+    /// What is wrong with a port or with the rig's file.
+    pub fn stage(
+        &self,
+        purpose: Purpose,
+        simulated: Option<&dyn simulated::Boards>,
+        wrap: &mut dyn FnMut(Box<dyn Transport>) -> Box<dyn Transport>,
+    ) -> anyhow::Result<Stage> {
         let rig =
             self.rig.as_deref().map(|path| Rig::load(path).with_context(|| path.display().to_string())).transpose()?;
         let role = role(purpose == Purpose::Control, self.take_control);
         let session = Session(fresh_session());
-        if self.is_simulated() {
-            eprintln!("no --port given: this is the simulated rig");
-            let handle = simulated::Handle::new(model);
-            let links = handle
+        if let Some(simulated) = simulated {
+            match &self.rig {
+                Some(path) => eprintln!("{}: this is the simulated rig", path.display()),
+                None => eprintln!("no --port given: this is the simulated rig"),
+            }
+            let links = simulated
                 .transports()
                 .into_iter()
-                .map(|t| Link::open(Box::new(t), session, role, LinkOptions::default()))
+                .map(|transport| Link::open(wrap(transport), session, role, SIMULATED_LINK))
                 .collect::<Result<Vec<_>, _>>()?;
-            let stage = Stage::new(links, simulated::axes());
-            return Ok(Bench { stage, simulated: Some(handle) });
+            let axes = match &rig {
+                Some(rig) if is_of_simulated_rig(rig) => places(Some(rig), &links)?,
+                _ => simulated::axes(),
+            };
+            return Ok(Stage::new(links, axes));
         }
         let mut links: Vec<Link> = Vec::new();
         for port in self.ports(rig.as_ref())? {
-            let link = match connect(&port, session, role) {
+            let link = match connect_through(&port, session, role, wrap) {
                 Ok(link) => link,
                 // Named by nobody: any port may be something else.
                 Err(LinkError::NoAnswer { .. }) if self.port.is_empty() => continue,
@@ -94,7 +144,17 @@ impl Connection {
             }
         }
         let axes = places(rig.as_ref(), &links)?;
-        Ok(Bench { stage: Stage::new(links, axes), simulated: None })
+        Ok(Stage::new(links, axes))
+    }
+
+    /// The latency of the rig's camera, if it was calibrated.
+    ///
+    /// # Errors
+    /// What is wrong with the rig's file.
+    pub fn latency(&self) -> anyhow::Result<Option<parfocal::frames::pacing::Latency>> {
+        let Some(path) = &self.rig else { return Ok(None) };
+        let rig = Rig::load(path).with_context(|| path.display().to_string())?;
+        Ok(rig.contents().camera.as_ref().and_then(|c| c.latency.as_ref()).map(|l| l.in_force()))
     }
 
     fn ports(&self, rig: Option<&Rig>) -> anyhow::Result<Vec<String>> {
@@ -114,8 +174,17 @@ impl Connection {
 /// # Errors
 /// As [`Link::open`].
 pub fn connect(port: &str, session: Session, role: parfocal_protocol::message::Role) -> Result<Link, LinkError> {
+    connect_through(port, session, role, &mut |transport| transport)
+}
+
+fn connect_through(
+    port: &str,
+    session: Session,
+    role: parfocal_protocol::message::Role,
+    wrap: &mut dyn FnMut(Box<dyn Transport>) -> Box<dyn Transport>,
+) -> Result<Link, LinkError> {
     let transport = Serial::open(port).map_err(LinkError::Port)?;
-    Link::open(Box::new(transport), session, role, LinkOptions::default())
+    Link::open(wrap(Box::new(transport)), session, role, LinkOptions::default())
 }
 
 /// A number for this program's session that no other running program has.

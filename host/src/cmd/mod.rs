@@ -2,20 +2,30 @@
 
 mod autofocus;
 mod calibrate;
+mod camera;
+mod clicking;
 mod coarse;
+mod coaxial;
 mod connection;
 mod current;
 mod declare;
 mod dfu;
 mod focus;
+mod goto;
+mod guarded;
 mod hold;
 mod home;
 mod info;
 mod interrupt;
 mod jog;
+mod live;
 mod move_;
 mod move_pulses;
+mod objective;
+mod paced;
 mod ports;
+mod remembered;
+mod serve;
 mod settings;
 mod setup;
 mod simulate;
@@ -23,7 +33,9 @@ mod simulated;
 mod status;
 mod stop;
 mod tip;
+mod unattended;
 mod vibrate;
+mod where_;
 
 pub use connection::Connection;
 
@@ -50,7 +62,12 @@ pub enum Command {
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
     Calibrate(Box<calibrate::Calibrate>),
+    Objective(objective::Arguments),
+    Goto(goto::Arguments),
+    Coaxial(coaxial::Arguments),
+    Where(where_::Arguments),
     Focus(focus::Focus),
+    Serve(Box<serve::Arguments>),
     Simulate(simulate::Arguments),
     Tip(tip::Arguments),
 }
@@ -78,10 +95,15 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Dfu(a) => a.run(connection, out),
         Command::Settings(a) => a.run(connection, out),
         Command::Autofocus(a) => a.run(connection, out),
-        Command::Calibrate(a) => calibrate::run(*a, out),
+        Command::Calibrate(a) => calibrate::run(*a, connection, out),
+        Command::Objective(a) => a.run(connection, out),
+        Command::Goto(a) => a.run(connection, out),
+        Command::Coaxial(a) => a.run(connection, out),
+        Command::Where(a) => a.run(connection, out),
         Command::Focus(a) => focus::run(a, out),
+        Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),
-        Command::Tip(a) => a.run(out),
+        Command::Tip(a) => a.run(connection, out),
     }
 }
 

@@ -65,7 +65,7 @@ impl Arguments {
         }
         let speed = self.speed_um_s.map(MicrometresPerSecond);
         if self.no_wait {
-            let begun = bench.stage.begin_move(&targets, speed);
+            let begun = bench.stage.begin(&targets, speed);
             bench.stage.close();
             let motions: Vec<u32> = begun?.into_iter().map(|(_, motion)| motion.0).collect();
             return out.result("begun", &serde_json::json!({ "motions": motions }));
@@ -99,7 +99,7 @@ impl Arguments {
         }
         let began = stage.now();
         let mut given = Vec::new();
-        let begun = stage.begin_move(targets, speed)?;
+        let begun = stage.begin(targets, speed)?;
         let waited = stage.wait_telling(&begun, &interrupt::keep_on, &mut |event| given.extend(pulse(&event)));
         let seconds = (stage.now().0 - began.0) as f64 / 1e6;
         if let Some(planned) = &planned {

@@ -20,6 +20,9 @@ pub struct Arguments {
     /// Overwrite it if it exists
     #[arg(long)]
     force: bool,
+    /// The simulated rig's file, without a question: boards, axes, camera, objectives, nothing calibrated
+    #[arg(long)]
+    simulated: bool,
 }
 
 /// Each axis first moves this far, µm: enough to see at 4x, too little to break anything.
@@ -38,6 +41,9 @@ impl Arguments {
         if self.out.exists() && !self.force {
             bail!("{} exists: give another --out, or --force to replace it", shown(&self.out));
         }
+        if self.simulated {
+            return self.simulated(out);
+        }
         let model = simulated::Model { seed: connection.seed, ..Default::default() };
         let connection = Connection { rig: None, ..connection.clone() };
         let mut bench = connection.open(Purpose::Control, model)?;
@@ -53,6 +59,19 @@ impl Arguments {
             shown(&self.out)
         );
         out.result(&text, &serde_json::json!({ "rig": shown(&self.out) }))
+    }
+}
+
+impl Arguments {
+    fn simulated(&self, out: Output) -> anyhow::Result<()> {
+        let mut rig = super::remembered::simulated_rig_file()?;
+        rig.save(&self.out).with_context(|| shown(&self.out))?;
+        super::remembered::Memory::beside(&self.out).keep(&super::remembered::parked()?)?;
+        let path = shown(&self.out);
+        let text = format!(
+            "{path} written: the simulated rig. Next: `parfocal calibrate camera --rig {path}` (docs/calibrating.md)."
+        );
+        out.result(&text, &serde_json::json!({ "rig": path }))
     }
 }
 

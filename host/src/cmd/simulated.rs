@@ -1,12 +1,14 @@
 //! The simulated rig as this program's boards and camera: transports and frames out of one virtual world.
 
-use parfocal::frames::camera::{Camera, CameraError, Frame};
+use super::remembered::{Memory, Remembered};
+use parfocal::frames::camera::{Camera, CameraError, Frame, Stamp};
 use parfocal::link::transport::Transport;
 use parfocal::picture::{Picture, Roi};
 use parfocal::rig::{AxisName, Coordinate, Device, ManipulatorNumber};
 use parfocal::stage::Place;
 use parfocal_protocol::units::{Axis, HostTime, Micrometres};
-use parfocal_simulator::model::RigModel;
+use parfocal_simulator::camera::{CameraTiming, FrameTimes};
+use parfocal_simulator::model::{ObjectiveModel, RigModel};
 use parfocal_simulator::rig::Rig;
 use std::collections::BTreeMap;
 use std::io;
@@ -21,11 +23,35 @@ pub struct Model {
     pub limits: Vec<(AxisName, Micrometres, Micrometres)>,
     /// Where axes are at the start, other than the rig's own.
     pub positions: Vec<(AxisName, Micrometres)>,
+    /// The camera's timing, other than the rig's own.
+    pub timing: Option<CameraTiming>,
+    /// The objective in the light path, other than its first.
+    pub objective: Option<String>,
+    /// Where its axes' positions are kept from one command to the next.
+    pub memory: Option<Memory>,
 }
 
 /// A running simulated rig. Time passes only while somebody waits for it.
 #[derive(Clone)]
-pub struct Handle(Arc<Mutex<Rig>>);
+pub struct Handle(Arc<World>);
+
+/// The virtual world, and what of it is remembered when it ends.
+struct World {
+    rig: Mutex<Rig>,
+    memory: Option<Memory>,
+}
+
+impl Drop for World {
+    fn drop(&mut self) {
+        let Some(memory) = &self.memory else { return };
+        let rig = self.rig.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let at = |(name, place): (AxisName, Place)| (name, rig.motor(place.board, place.axis));
+        let left = Remembered { positions: axes().into_iter().map(at).collect() };
+        if let Err(error) = memory.keep(&left) {
+            eprintln!("parfocal: {error:#}");
+        }
+    }
+}
 
 /// Boards of the simulated rig by device: the microscope, manipulators 1 and 2.
 fn devices() -> impl Iterator<Item = Device> {
@@ -50,6 +76,9 @@ impl Handle {
     /// A simulated rig that has just been switched on.
     pub fn new(model: Model) -> Self {
         let mut rig = RigModel::new(model.seed);
+        if let Some(timing) = model.timing {
+            rig.camera.timing = timing;
+        }
         let places = axes();
         for (name, low, high) in &model.limits {
             if let Some(place) = places.get(name) {
@@ -61,12 +90,25 @@ impl Handle {
                 rig.set_position(place.board, place.axis, *at);
             }
         }
-        Self(Arc::new(Mutex::new(Rig::new(rig))))
+        rig.objectives.push(ObjectiveModel::SEARCHER);
+        let mut rig = Rig::new(rig);
+        if let Some(name) = &model.objective {
+            rig.set_objective(name);
+        }
+        Self(Arc::new(World { rig: Mutex::new(rig), memory: model.memory }))
     }
 
-    /// One transport for each board.
-    pub fn transports(&self) -> Vec<SimulatedTransport> {
-        (0..self.lock().boards()).map(|board| SimulatedTransport { rig: self.clone(), board }).collect()
+    /// Turns the turret.
+    ///
+    /// # Errors
+    /// The objectives that it has.
+    pub fn set_objective(&self, name: &str) -> Result<(), String> {
+        let mut rig = self.lock();
+        if rig.set_objective(name) {
+            return Ok(());
+        }
+        let known: Vec<&str> = rig.model().objectives.iter().map(|o| o.name).collect();
+        Err(format!("the simulated microscope has no objective '{name}'; it has {}", known.join(", ")))
     }
 
     /// The rig's camera.
@@ -83,7 +125,20 @@ impl Handle {
     /// The world itself.
     pub fn lock(&self) -> MutexGuard<'_, Rig> {
         // A panic elsewhere ends the program anyway.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.rig.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Simulated boards that links can be opened to.
+pub trait Boards {
+    /// One transport for each board.
+    fn transports(&self) -> Vec<Box<dyn Transport>>;
+}
+
+impl Boards for Handle {
+    fn transports(&self) -> Vec<Box<dyn Transport>> {
+        let transport = |board| Box::new(SimulatedTransport { rig: self.clone(), board }) as Box<dyn Transport>;
+        (0..self.lock().boards()).map(transport).collect()
     }
 }
 
@@ -128,11 +183,23 @@ impl Camera for SimulatedCamera {
         let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
         let picture = Picture::grey16(frame.width, frame.height, frame.pixels)
             .map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;
-        Ok(Some(Frame {
-            picture,
+        let Stamp { number, exposure, arrival } = self.stamp(&times);
+        Ok(Some(Frame { picture, number, exposure, arrival }))
+    }
+
+    fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
+        let times = self.0.lock().next_times(deadline.0);
+        Ok(times.map(|times| self.stamp(&times)))
+    }
+}
+
+impl SimulatedCamera {
+    fn stamp(&self, times: &FrameTimes) -> Stamp {
+        let told = self.0.lock().model().camera.timing.timestamps;
+        Stamp {
             number: times.number,
-            exposure: Some((HostTime(times.begin), HostTime(times.end))),
+            exposure: told.then_some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),
-        }))
+        }
     }
 }

@@ -1,11 +1,11 @@
 //! A board on a serial port: USB CDC-ACM, a debugger's virtual port, or a pseudo-terminal.
 
-use super::transport::Transport;
+use super::transport::{Transport, real_now};
 use parfocal_protocol::units::HostTime;
 use serialport::{ErrorKind, SerialPort, SerialPortType};
 use std::io;
 use std::io::{Read as _, Write as _};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Speed of the wired port; USB and pseudo-terminals ignore it.
 const BAUD: u32 = 921_600;
@@ -14,7 +14,6 @@ const BAUD: u32 = 921_600;
 pub struct Serial {
     path: String,
     port: Option<Box<dyn SerialPort>>,
-    epoch: Instant,
 }
 
 impl Serial {
@@ -23,7 +22,7 @@ impl Serial {
     /// # Errors
     /// One sentence on why not: no such port, no permission, another program has it.
     pub fn open(path: &str) -> io::Result<Self> {
-        Ok(Self { path: path.into(), port: Some(open(path)?), epoch: Instant::now() })
+        Ok(Self { path: path.into(), port: Some(open(path)?) })
     }
 }
 
@@ -88,7 +87,7 @@ impl Transport for Serial {
     }
 
     fn now(&self) -> HostTime {
-        HostTime(self.epoch.elapsed().as_micros() as u64)
+        real_now()
     }
 
     fn reconnect(&mut self) -> io::Result<()> {

@@ -2,6 +2,8 @@
 
 use parfocal_protocol::units::HostTime;
 use std::io;
+use std::sync::OnceLock;
+use std::time::Instant;
 
 /// A connection's bytes. Implemented by serial ports, by the simulated rig and by tests that lose bytes on purpose.
 pub trait Transport: Send {
@@ -33,4 +35,10 @@ pub trait Transport: Send {
 /// `now`, `millis` ms later.
 pub fn later(now: HostTime, millis: u64) -> HostTime {
     HostTime(now.0.saturating_add(millis * 1000))
+}
+
+/// This computer's clock: µs since the program first asked. Ports and cameras share it, so that their times compare.
+pub fn real_now() -> HostTime {
+    static EPOCH: OnceLock<Instant> = OnceLock::new();
+    HostTime(EPOCH.get_or_init(Instant::now).elapsed().as_micros() as u64)
 }

@@ -145,15 +145,15 @@ impl Stage {
         speed: Option<MicrometresPerSecond>,
         keep_on: &dyn Fn() -> bool,
     ) -> Result<(), StageError> {
-        let begun = self.begin_move(targets, speed)?;
+        let begun = self.begin(targets, speed)?;
         self.wait(&begun, keep_on)
     }
 
-    /// Begins straight lines as [`Self::move_to`] does, and does not wait: the boards and motions to wait for.
+    /// Begins straight lines to absolute positions, one on each board that is concerned: which motion on which board.
     ///
     /// # Errors
-    /// As [`Self::move_to`].
-    pub fn begin_move(
+    /// [`StageError`]; nothing has moved when a target is refused before the first board began.
+    pub fn begin(
         &mut self,
         targets: &[(AxisName, Micrometres)],
         speed: Option<MicrometresPerSecond>,

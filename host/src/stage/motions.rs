@@ -16,7 +16,7 @@ impl Stage {
     /// # Errors
     /// [`StageError`]; the board says when the axis has no home switch.
     pub fn home(&mut self, name: AxisName) -> Result<Begun, StageError> {
-        self.begin(name, |axis| Request::Home { axis })
+        self.begin_on(name, |axis| Request::Home { axis })
     }
 
     /// Keeps an axis moving until told otherwise or to its soft limit; asked again, changes the speed on the fly; 0 decelerates.
@@ -24,7 +24,7 @@ impl Stage {
     /// # Errors
     /// [`StageError`]; the board names the range of speeds.
     pub fn jog(&mut self, name: AxisName, speed: MicrometresPerSecond) -> Result<Begun, StageError> {
-        self.begin(name, |axis| Request::Jog { axis, speed })
+        self.begin_on(name, |axis| Request::Jog { axis, speed })
     }
 
     /// Swings an axis around where it rests; `amplitude` is half the way between the turning points.
@@ -39,7 +39,7 @@ impl Stage {
         cycles: u16,
     ) -> Result<Begun, StageError> {
         let amplitude = amplitude.nanometres().ok_or(StageError::NoPosition { name, at: amplitude.0 })?;
-        self.begin(name, |axis| Request::Vibrate { axis, amplitude, frequency, cycles })
+        self.begin_on(name, |axis| Request::Vibrate { axis, amplitude, frequency, cycles })
     }
 
     /// Declares where a resting axis is, without moving it.
@@ -102,7 +102,7 @@ impl Stage {
         Ok(())
     }
 
-    fn begin(&mut self, name: AxisName, request: impl FnOnce(Axis) -> Request) -> Result<Begun, StageError> {
+    fn begin_on(&mut self, name: AxisName, request: impl FnOnce(Axis) -> Request) -> Result<Begun, StageError> {
         let board = self.axes().find(|(known, _)| *known == name).map_or(0, |(_, place)| place.board);
         let (link, axis) = self.find(name)?;
         match link.request(request(axis))? {

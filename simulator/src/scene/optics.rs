@@ -53,6 +53,33 @@ impl Optics {
         kernel: Kernel::Disc,
     };
 
+    /// A 20x/0.5 dry objective, not fitted to a real one: the other's radii scaled by 1/NA and its depths by 1/NA², as
+    /// diffraction does; the body's slope is tan(asin(0.5)).
+    pub const DRY_20X: Self = Self {
+        body_radius_um: 1.107,
+        body_slope: 0.577,
+        edge_radius_um: 1.818,
+        edge_slope: 0.0625,
+        edge_gain: -4.98,
+        edge_depth_um: 6.131,
+        edge_null_um: 3.745,
+        edge_spread: 1.327,
+        kernel: Kernel::Disc,
+    };
+
+    /// A 4x/0.1 dry objective, scaled likewise.
+    pub const DRY_4X: Self = Self {
+        body_radius_um: 5.536,
+        body_slope: 0.1005,
+        edge_radius_um: 9.088,
+        edge_slope: 0.0125,
+        edge_gain: -4.98,
+        edge_depth_um: 153.3,
+        edge_null_um: 93.6,
+        edge_spread: 1.327,
+        kernel: Kernel::Disc,
+    };
+
     /// Blur radius (µm) of a dark body `defocus_um` above or below focus.
     pub fn body_blur_um(&self, defocus_um: f64) -> f64 {
         self.body_radius_um.hypot(self.body_slope * defocus_um)

@@ -1,19 +1,31 @@
 //! `parfocal calibrate objective`.
 
 use super::{Output, Solving, folder, matrix};
-use anyhow::Context;
+use crate::cmd::connection::Connection;
+use crate::cmd::live::{Around, LiveArguments, PointArguments, Room};
+use anyhow::{Context, bail};
 use clap::Args;
 use nalgebra::Matrix2;
 use parfocal::calibration::objective::{ObjectiveFit, fit};
 use parfocal::calibration::report;
-use parfocal::calibration::samples::{ObjectiveSample, Table};
+use parfocal::calibration::samples::ObjectiveSample;
+use parfocal::procedure::{self, ObjectivePlan, Purpose};
 use parfocal::rig::{Rig, Zoom};
+use std::io::{BufRead, Write};
+use std::path::Path;
 
 /// Options of `parfocal calibrate objective`.
 #[derive(Debug, Args)]
 pub struct Objective {
     #[command(flatten)]
     solving: Solving,
+    #[command(flatten)]
+    live: LiveArguments,
+    #[command(flatten)]
+    point: PointArguments,
+    /// Objectives to look through, live [default: all of the rig's file]
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', conflicts_with = "samples")]
+    through: Vec<String>,
     /// The objective that defines α = 1 and κ = 0 [default: the rig's, or the first in the samples]
     #[arg(long, value_name = "NAME")]
     default: Option<String>,
@@ -28,10 +40,22 @@ pub struct Objective {
 impl Objective {
     /// # Errors
     /// What stopped it, naming the row or key.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        if self.solving.samples.is_none() {
+            let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
+            let plan = self.plan(&room)?;
+            if self.solving.dry_run {
+                return super::moves::microscope(&room, plan.places, self.solving.report.as_deref(), out);
+            }
+            let path = room.rig;
+            let recorded = room.run("objective", Purpose::Microscope, &mut |live, finder, recorder, around| {
+                procedure::objectives(live, finder, &plan, &mut |name| change(path, name, around), recorder)
+            })?;
+            self.solving.take(recorded);
+        }
         let mut rig = self.solving.rig()?;
         let sensor = self.solving.sensor(rig.as_ref())?;
-        let samples = Table::read(&self.solving.samples)?.objective()?;
+        let samples = self.solving.table()?.objective()?;
         let default = self.default_name(rig.as_ref(), &samples)?;
         let a = self.matrix(rig.as_ref())?;
         let fits = fit(&samples, &default, sensor, &a, &self.solving.options())?;
@@ -63,6 +87,30 @@ impl Objective {
         out.result(&text, &json)
     }
 
+    /// The default objective and those to calibrate against it, as the rig's file has them.
+    fn plan(&self, room: &Room<'_>) -> anyhow::Result<ObjectivePlan> {
+        let rig = room.known()?;
+        self.matrix(Some(&rig))?;
+        let default = self.default_name(Some(&rig), &[])?;
+        let known: Vec<String> = rig.contents().objectives.keys().cloned().collect();
+        if let Some(unknown) = self.through.iter().chain([&default]).find(|name| !known.contains(name)) {
+            bail!("objective '{unknown}' is not in the rig's file; it has: {}", known.join(", "));
+        }
+        let others = if self.through.is_empty() { known } else { self.through.clone() };
+        let mut names = vec![default.clone()];
+        names.extend(others.into_iter().filter(|name| *name != default));
+        if names.len() < 2 {
+            bail!("the rig's file has no objective besides '{default}': add one with 'parfocal objective NAME --new'");
+        }
+        Ok(ObjectivePlan {
+            names,
+            subject: self.point.subject()?,
+            places: self.live.places(),
+            seed: self.solving.seed,
+            focus_within_um: self.live.focus_within_um(),
+        })
+    }
+
     fn default_name(&self, rig: Option<&Rig>, samples: &[ObjectiveSample]) -> anyhow::Result<String> {
         let of_rig = rig.and_then(|rig| rig.contents().objectives.iter().find(|(_, o)| o.default));
         let first = samples.first().map(|s| &s.objective);
@@ -77,6 +125,26 @@ impl Objective {
             "samples in pixels need the camera: give --rig FILE with a calibrated camera, or --camera-matrix a,b,c,d",
         )
     }
+}
+
+/// Puts an objective into the light path: turns the simulated turret, or asks a person. The rig's file says so at once,
+/// whatever becomes of the calibration.
+pub(super) fn change(path: &Path, name: &str, around: &Around) -> Result<(), String> {
+    match &around.simulated {
+        Some(rig) => rig.set_objective(name)?,
+        None => {
+            eprint!("Put objective {name} into the light path, the point in view, then press Enter ('q' ends): ");
+            std::io::stderr().flush().ok();
+            let mut line = String::new();
+            let read = std::io::stdin().lock().read_line(&mut line).map_err(|e| e.to_string())?;
+            if read == 0 || line.trim() == "q" {
+                return Err("nobody said that it was".into());
+            }
+        }
+    }
+    let mut rig = Rig::load(path).map_err(|e| e.to_string())?;
+    rig.set_objective_in_use(Some(name)).map_err(|e| e.to_string())?;
+    rig.save(path).map_err(|e| e.to_string())
 }
 
 fn entry(fit: &ObjectiveFit, report: &report::Report) -> serde_json::Value {

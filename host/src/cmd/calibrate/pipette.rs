@@ -1,17 +1,20 @@
 //! `parfocal calibrate pipette`.
 
 use super::{Output, now};
+use crate::cmd::connection::Connection;
+use crate::cmd::live::{LiveArguments, Room};
 use anyhow::Context;
 use clap::{ArgGroup, Args};
 use nalgebra::Matrix3;
 use parfocal::calibration::pipette::{PipetteFit, from_axis, from_shank};
 use parfocal::calibration::samples::Table;
+use parfocal::procedure::{self, Purpose, ShankPlan};
 use parfocal::rig::{self, ManipulatorNumber, Rig, TipOffset};
 use std::path::PathBuf;
 
 /// Options of `parfocal calibrate pipette`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("from").required(true).args(["samples", "descent_deg", "axis", "tip_offset_um"])))]
+#[command(group(ArgGroup::new("from").args(["samples", "descent_deg", "axis", "tip_offset_um"])))]
 pub struct Pipette {
     /// Points in focus along the shank, the tip first: CSV with ref_x_um,ref_y_um,ref_z_um
     #[arg(long, value_name = "FILE.csv")]
@@ -28,6 +31,17 @@ pub struct Pipette {
     /// Where the tip of a new pipette is in ref, from where the registered one was
     #[arg(long, value_name = "x,y,z", value_parser = three, requires_all = ["rig", "manipulator"], allow_hyphen_values = true)]
     tip_offset_um: Option<[f64; 3]>,
+    #[command(flatten)]
+    live: LiveArguments,
+    /// Live: from one place on the shank to the next, px
+    #[arg(long, value_name = "PX", default_value_t = 40.0, value_parser = super::positive)]
+    step_px: f64,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Live: only say what would be done
+    #[arg(long)]
+    dry_run: bool,
     /// The rig, where the result is put in force
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
@@ -45,7 +59,30 @@ fn three(text: &str) -> Result<[f64; 3], String> {
 impl Pipette {
     /// # Errors
     /// What stopped it, naming the row or key.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        let told = self.descent_deg.is_some() || self.axis.is_some() || self.tip_offset_um.is_some();
+        if self.samples.is_none() && !told {
+            let room = Room::new(&self.live, self.rig.as_deref(), connection, self.seed)?;
+            let manipulator = self.manipulator.context("say whose pipette to look at: --manipulator N")?;
+            let plan = ShankPlan {
+                manipulator,
+                places: self.live.places(),
+                step_px: self.step_px,
+                focus_within_um: self.live.focus_within_um(),
+            };
+            if self.dry_run {
+                let text = format!(
+                    "scope.z would focus on the tip of {manipulator}, then on {} places {} px apart up its shank, within {} µm each.",
+                    plan.places, plan.step_px, plan.focus_within_um
+                );
+                return out.result(&text, &serde_json::json!({ "places": plan.places, "step_px": plan.step_px }));
+            }
+            let name = format!("pipette {manipulator}");
+            let recorded = room.run(&name, Purpose::Shank, &mut |live, finder, recorder, _| {
+                procedure::shank(live, finder, &plan, recorder)
+            })?;
+            self.samples = Some(recorded.samples);
+        }
         let mut rig = self.rig.as_deref().map(Rig::load).transpose()?;
         if let Some(offset_um) = self.tip_offset_um {
             return self.tip_offset(rig, offset_um, out);

@@ -1,13 +1,17 @@
 //! `parfocal calibrate registration`.
 
 use super::{Output, Solving, folder, matrix, rows};
+use crate::cmd::connection::Connection;
+use crate::cmd::live::{LiveArguments, Room};
+use anyhow::Context;
 use clap::Args;
 use nalgebra::{Matrix2, Vector3};
 use parfocal::calibration::chain::Chain;
 use parfocal::calibration::registration::{RegistrationFit, fit};
 use parfocal::calibration::report;
 use parfocal::calibration::robust::{Model, ScalePrior};
-use parfocal::calibration::samples::{Seen, Table};
+use parfocal::calibration::samples::Seen;
+use parfocal::procedure::{self, Purpose, RegistrationPlan};
 use parfocal::rig::{self, ManipulatorNumber, Rig};
 
 /// Options of `parfocal calibrate registration`.
@@ -15,6 +19,11 @@ use parfocal::rig::{self, ManipulatorNumber, Rig};
 pub struct Registration {
     #[command(flatten)]
     solving: Solving,
+    #[command(flatten)]
+    live: LiveArguments,
+    /// How far the places of a live registration spread in depth, µm
+    #[arg(long, value_name = "UM", default_value_t = 40.0, value_parser = super::positive)]
+    depth_um: f64,
     /// affine, similarity or rigid
     #[arg(long, default_value = "affine", value_parser = model)]
     model: Model,
@@ -43,9 +52,28 @@ fn model(text: &str) -> Result<Model, String> {
 impl Registration {
     /// # Errors
     /// What stopped it, naming the row or key.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
+    pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        if self.solving.samples.is_none() {
+            let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
+            let manipulator = self.manipulator.context("say which manipulator to register: --manipulator N")?;
+            let plan = RegistrationPlan {
+                manipulator,
+                places: self.live.places(),
+                seed: self.solving.seed,
+                depth_um: self.depth_um,
+                focus_within_um: self.live.focus_within_um(),
+            };
+            if self.solving.dry_run {
+                return super::moves::registration(&room, &plan, self.solving.report.as_deref(), out);
+            }
+            let name = format!("registration {manipulator}");
+            let recorded = room.run(&name, Purpose::Registration, &mut |live, finder, recorder, _| {
+                procedure::registration(live, finder, &plan, recorder)
+            })?;
+            self.solving.take(recorded);
+        }
         let mut rig = self.solving.rig()?;
-        let samples = Table::read(&self.solving.samples)?.registration()?;
+        let samples = self.solving.table()?.registration()?;
         let in_pixels = samples.iter().any(|s| matches!(s.seen, Seen::Picture { .. }));
         let chain = if in_pixels { self.chain(rig.as_ref())? } else { None };
         let prior = ScalePrior { scale: self.axis_scale, deviation: self.axis_scale_sd };
