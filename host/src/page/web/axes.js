@@ -121,6 +121,7 @@ export class Axes {
     });
     input.addEventListener("blur", back);
     row.replaceChild(input, place);
+    input.focus();
     input.select();
   }
 
