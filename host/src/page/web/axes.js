@@ -109,7 +109,14 @@ export class Axes {
   #type(name) {
     const { row, place } = this.#rows.get(name);
     const input = element("input", { type: "text", inputmode: "decimal", "aria-label": `${name} to, µm`, value: this.#rows.get(name).value.textContent.replace("–", "") });
-    const back = () => input.isConnected && input.replaceWith(place);
+    let open = true;
+    // Taking the field away makes it lose the keyboard, which would take it away again.
+    const back = () => {
+      if (open) {
+        open = false;
+        input.replaceWith(place);
+      }
+    };
     input.addEventListener("keydown", async (event) => {
       event.stopPropagation();
       if (event.key === "Escape") back();
