@@ -66,7 +66,7 @@ fn a_stop_on_request_keeps_what_was_recorded() {
     let mut rig = rig_file();
     let folder = tempfile::tempdir().unwrap();
     let plan = Plan { folder: Some(folder.path().into()), ..Plan::new(vec![m1()], 6) };
-    let wrongs = Wrongs { stop_after: Some(400), ..Wrongs::default() };
+    let wrongs = Wrongs { stop_after: Some(160), ..Wrongs::default() };
     let error = run(&world, &mut rig, 6, &wrongs, &plan).result.unwrap_err();
     assert!(error.to_string().contains("stopped on request"), "{error}");
     let before = rows(folder.path(), "camera.csv") + rows(folder.path(), "m1.csv");
