@@ -2,6 +2,7 @@
 //! One file a bench.
 
 mod autofocus;
+mod page;
 mod ransac;
 mod tips;
 
@@ -19,6 +20,8 @@ struct Arguments {
 enum Bench {
     /// Scans for focus on generated curves.
     Autofocus(autofocus::Arguments),
+    /// Pictures for the operator page while a scan runs
+    Page(page::Arguments),
     /// Robust registration of points of which some are wrong
     Ransac(ransac::Arguments),
     /// Tips of micropipettes in random scenes
@@ -28,6 +31,7 @@ enum Bench {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().bench {
         Bench::Autofocus(arguments) => autofocus::run(&arguments),
+        Bench::Page(arguments) => page::run(&arguments),
         Bench::Ransac(arguments) => ransac::run(&arguments),
         Bench::Tips(arguments) => tips::run(&arguments),
     }

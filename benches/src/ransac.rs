@@ -1,40 +1,51 @@
 //! Robust point registration, scored against truth where the data has it. Formats and rules: the bench data's README.
 
+mod family;
+mod score;
+mod set;
+
 use anyhow::Context;
-use nalgebra::SVector;
-use parfocal::calibration::robust::{Map, Model, ScalePrior, Settings, Solution, SolveError, solve};
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use parfocal::calibration::robust::{Estimator, Map, Model, ScalePrior, Settings, Solution, SolveError, solve};
+use score::{Score, Table, score};
+use serde::Serialize;
+use set::Set;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Solves every set of a file of point pairs.
+/// Solves every set of a file of point pairs, or of freshly drawn ones.
 #[derive(Debug, clap::Args)]
+#[command(group(clap::ArgGroup::new("from").required(true).args(["data", "generate"])))]
 pub struct Arguments {
     /// Sets: [{"kind", "n", "out", "trial", "tol", "src", "dst", …}, …]
     #[arg(long)]
-    data: PathBuf,
+    data: Option<PathBuf>,
+    /// Draw this many sets of every kind, number of points and share of wrong ones instead
+    #[arg(long, value_name = "TRIALS")]
+    generate: Option<u64>,
+    /// Seed of the sets drawn
+    #[arg(long, default_value_t = 1, value_name = "SEED")]
+    generate_seed: u64,
+    /// Write the sets here, for other programs to solve
+    #[arg(long, value_name = "FILE")]
+    sets: Option<PathBuf>,
     /// Where the maps go
     #[arg(long)]
-    out: PathBuf,
+    out: Option<PathBuf>,
     /// Seed of the solver's random draws
     #[arg(long, default_value_t = 0)]
     seed: u64,
-}
-
-#[derive(Deserialize)]
-struct Set {
-    kind: String,
-    n: usize,
-    out: f64,
-    trial: u64,
-    tol: f64,
-    src: Vec<Vec<f64>>,
-    dst: Vec<Vec<f64>>,
-    /// For the score only; the solver never sees the rest.
-    sigma: Option<f64>,
-    inlier: Option<Vec<u8>>,
-    truth: Option<Vec<Vec<f64>>>,
+    /// robust, or plain: the textbook's loop
+    #[arg(long, default_value = "robust")]
+    estimator: Estimator,
+    /// Solve each set this often and give the fastest time: other programs on the machine only ever slow one down
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    repeat: u32,
+    /// Keep each set's tolerance from the solver: it finds one
+    #[arg(long)]
+    estimate_tolerance: bool,
+    /// Only sets of this kind
+    #[arg(long)]
+    kind: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -55,58 +66,75 @@ struct Answer<'a> {
 /// # Errors
 /// When a file cannot be read or written, or a set has an unknown kind.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let data = std::fs::read(&arguments.data).with_context(|| format!("cannot read {}", arguments.data.display()))?;
-    let sets: Vec<Set> =
-        serde_json::from_slice(&data).with_context(|| format!("{} holds no sets", arguments.data.display()))?;
-    let mut scores = BTreeMap::new();
+    let mut sets = match (&arguments.data, arguments.generate) {
+        (Some(file), _) => read(file)?,
+        (None, trials) => family::generate(trials.unwrap_or(0), arguments.generate_seed),
+    };
+    sets.retain(|set| arguments.kind.as_ref().is_none_or(|kind| *kind == set.kind));
+    if let Some(file) = &arguments.sets {
+        write(file, &sets)?;
+    }
+    let mut table = Table::default();
     let mut answers = Vec::with_capacity(sets.len());
     for set in &sets {
         let (answer, score) = match set.kind.as_str() {
-            "aff2" => answer::<2>(set, Model::Affine, None, arguments.seed)?,
+            "aff2" => answer::<2>(set, Model::Affine, None, arguments)?,
             // Manipulators' axes are known to a few per cent; a camera's are not.
-            "aff3" | "axs3" => answer::<3>(set, Model::Affine, Some(ScalePrior::default()), arguments.seed)?,
-            "rig3" => answer::<3>(set, Model::Rigid, None, arguments.seed)?,
+            "aff3" | "axs3" => answer::<3>(set, Model::Affine, Some(ScalePrior::default()), arguments)?,
+            "rig3" => answer::<3>(set, Model::Rigid, None, arguments)?,
             other => anyhow::bail!("trial {}: kind '{other}' is none of aff2, aff3, rig3, axs3", set.trial),
         };
-        let key = (set.kind.clone(), set.n, (set.out * 100.0).round() as u32);
-        scores.entry(key).or_insert_with(Vec::new).extend(score.map(|score| (score, answer.us)));
+        table.add(set, score, answer.us);
         answers.push(answer);
     }
-    let file =
-        std::fs::File::create(&arguments.out).with_context(|| format!("cannot write {}", arguments.out.display()))?;
-    serde_json::to_writer(std::io::BufWriter::new(file), &answers)?;
-    print_scores(&scores);
+    if let Some(file) = &arguments.out {
+        write(file, &answers)?;
+    }
+    eprint!("{}", table.text());
     Ok(())
 }
 
-/// How a set's map compares with the truth.
-enum Score {
-    /// Error over the oracle's.
-    Solved(f64),
-    Ambiguous,
-    Wrong,
+fn read(file: &Path) -> anyhow::Result<Vec<Set>> {
+    let data = std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    serde_json::from_slice(&data).with_context(|| format!("{} holds no sets", file.display()))
 }
 
-fn answer<const D: usize>(
-    set: &Set,
+fn write(path: &Path, rows: &impl Serialize) -> anyhow::Result<()> {
+    let file = std::fs::File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    serde_json::to_writer(std::io::BufWriter::new(file), rows)
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn answer<'a, const D: usize>(
+    set: &'a Set,
     model: Model,
     prior: Option<ScalePrior>,
-    seed: u64,
-) -> anyhow::Result<(Answer<'_>, Option<Score>)> {
-    let (src, dst) = (points::<D>(set, &set.src)?, points::<D>(set, &set.dst)?);
-    let settings = Settings { tolerance: Some(set.tol), seed, prior, ..Settings::new(model) };
-    let start = Instant::now();
-    let solved = std::hint::black_box(solve(&src, &dst, &settings));
-    let us = start.elapsed().as_secs_f64() * 1e6;
-    let (map, ambiguous) = read(&solved);
-    let score = score(set, model, &src, &dst, map, ambiguous);
-    let map =
-        map.map(|map| (0..D).map(|r| map.linear.row(r).iter().copied().chain([map.shift[r]]).collect()).collect());
+    arguments: &Arguments,
+) -> anyhow::Result<(Answer<'a>, Option<Score>)> {
+    let (src, dst) = (set.points::<D>(&set.src)?, set.points::<D>(&set.dst)?);
+    let (seed, estimator) = (arguments.seed, arguments.estimator);
+    let settings = Settings {
+        tolerance: (!arguments.estimate_tolerance).then_some(set.tol),
+        seed,
+        prior,
+        estimator,
+        ..Settings::new(model)
+    };
+    let mut us = f64::INFINITY;
+    let mut solved = None;
+    for _ in 0..arguments.repeat {
+        let start = Instant::now();
+        solved = Some(std::hint::black_box(solve(&src, &dst, &settings)));
+        us = us.min(start.elapsed().as_secs_f64() * 1e6);
+    }
+    let (map, ambiguous) = solved.as_ref().map_or((None, false), read_off);
+    let score = score(set, model, map, ambiguous);
+    let map = map.as_ref().map(family::matrix);
     Ok((Answer { kind: &set.kind, n: set.n, out: set.out, trial: set.trial, map, us, ambiguous }, score))
 }
 
 /// The map, unless there is none or it is told to be ambiguous.
-fn read<const D: usize>(solved: &Result<Solution<D>, SolveError>) -> (Option<Map<D>>, bool) {
+fn read_off<const D: usize>(solved: &Result<Solution<D>, SolveError>) -> (Option<Map<D>>, bool) {
     match solved {
         Ok(solution) if solution.ambiguity.is_none() => (Some(solution.fit.map), false),
         Ok(_) => (None, true),
@@ -114,79 +142,4 @@ fn read<const D: usize>(solved: &Result<Solution<D>, SolveError>) -> (Option<Map
         Err(SolveError::Degenerate { .. }) => (None, true),
         Err(_) => (None, false),
     }
-}
-
-fn points<const D: usize>(set: &Set, rows: &[Vec<f64>]) -> anyhow::Result<Vec<SVector<f64, D>>> {
-    let whole = |row: &Vec<f64>| (row.len() == D).then(|| SVector::from_column_slice(row));
-    rows.iter().map(whole).collect::<Option<_>>().with_context(|| format!("trial {}: points are not {D}-D", set.trial))
-}
-
-/// Scores a map when the set has its truth.
-fn score<const D: usize>(
-    set: &Set,
-    model: Model,
-    src: &[SVector<f64, D>],
-    dst: &[SVector<f64, D>],
-    map: Option<Map<D>>,
-    ambiguous: bool,
-) -> Option<Score> {
-    let (sigma, inlier, truth) = (set.sigma?, set.inlier.as_ref()?, set.truth.as_ref()?);
-    if ambiguous {
-        return Some(Score::Ambiguous);
-    }
-    let truth =
-        Map { linear: nalgebra::SMatrix::from_fn(|r, c| truth[r][c]), shift: SVector::from_fn(|r, _| truth[r][D]) };
-    let chosen: Vec<usize> = (0..src.len()).filter(|&i| inlier[i] == 1).collect();
-    let oracle = error(&model.fit(src, dst, &chosen)?.map, &truth);
-    let found = map.map_or(f64::INFINITY, |map| error(&map, &truth));
-    Some(if found <= sigma.max(2.0 * oracle) { Score::Solved(found / oracle) } else { Score::Wrong })
-}
-
-/// RMS distance over the bench's grid.
-fn error<const D: usize>(map: &Map<D>, truth: &Map<D>) -> f64 {
-    let (reach, steps): (&[f64], &[usize]) =
-        if D == 2 { (&[200.0, 150.0], &[5, 5]) } else { (&[300.0, 300.0, 100.0], &[5, 5, 3]) };
-    let count: usize = steps.iter().product();
-    let squares: f64 = (0..count)
-        .map(|mut k| {
-            let p = SVector::from_fn(|r, _| {
-                let i = k % steps[r];
-                k /= steps[r];
-                reach[r] * (2.0 * i as f64 / (steps[r] - 1) as f64 - 1.0)
-            });
-            (map.apply(&p) - truth.apply(&p)).norm_squared()
-        })
-        .sum();
-    (squares / count as f64).sqrt()
-}
-
-/// Scores and µs of the solves, by kind, points and per cent of wrong ones.
-type Scores = BTreeMap<(String, usize, u32), Vec<(Score, f64)>>;
-
-fn print_scores(scores: &Scores) {
-    if scores.values().all(Vec::is_empty) {
-        return;
-    }
-    eprintln!("kind   n  wrong |  sets  solved%  ambiguous%  failed% | e/e_oracle median    p95 | us median    p95");
-    for ((kind, n, out), list) in scores {
-        let share =
-            |is: fn(&Score) -> bool| 100.0 * list.iter().filter(|(s, _)| is(s)).count() as f64 / list.len() as f64;
-        let ratios = list.iter().filter_map(|(s, _)| if let Score::Solved(r) = s { Some(*r) } else { None }).collect();
-        let (middle, high) = quantiles(ratios);
-        let (us, us_high) = quantiles(list.iter().map(|(_, us)| *us).collect());
-        eprintln!(
-            "{kind} {n:>4} {out:>4} % | {:>5} {:>8.1} {:>11.1} {:>8.1} | {middle:>17.3} {high:>6.3} | {us:>9.1} {us_high:>6.1}",
-            list.len(),
-            share(|s| matches!(s, Score::Solved(_))),
-            share(|s| matches!(s, Score::Ambiguous)),
-            share(|s| matches!(s, Score::Wrong)),
-        );
-    }
-}
-
-/// Median and 95th percentile.
-fn quantiles(mut values: Vec<f64>) -> (f64, f64) {
-    values.sort_by(f64::total_cmp);
-    let at = |q: f64| values.get(((values.len().max(1) - 1) as f64 * q).round() as usize).copied().unwrap_or(f64::NAN);
-    (at(0.5), at(0.95))
 }

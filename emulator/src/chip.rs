@@ -83,6 +83,10 @@ pub struct World {
     pub serial: Arc<Mutex<Line>>,
     /// What came out of the step timers, by axis.
     pub axes: [Arc<Mutex<Trace>>; 4],
+    /// What came out of the camera's output: its first channel.
+    pub camera: Arc<Mutex<Trace>>,
+    /// What flash bank 2 holds: it stays when the power goes.
+    pub flash: Arc<Mutex<Vec<u8>>>,
 }
 
 /// The chip.
@@ -149,6 +153,7 @@ fn bus() -> Bus {
         .reads_requests("DMA1")
         .reads_requests("DMA2")
         .reads_requests("RCC")
+        .reads_requests("TIM5")
         .build()
         .expect("the tables name what exists")
 }
@@ -182,7 +187,7 @@ impl Chip {
         usart.attach(FarEnd(world.serial.clone()));
         chip.put("PWR", Pwr::new());
         chip.put("DBG", Dbg);
-        chip.put("FLASH", Array::new(flash));
+        chip.put("FLASH", Array::new(flash, world.flash.clone()));
         chip.put("DWT", Dwt::with_clock(hsi));
         chip.put("IWDG", Iwdg::new());
         chip.put("RNG", Random::new(0x1eaf));
@@ -191,6 +196,9 @@ impl Chip {
         chip.put("DMA1", Dma::new(&DMA1_REQUESTS, &[], false));
         chip.put("DMA2", Dma::new(&DMA2_REQUESTS, &[], true));
         chip.put("TIM8", Tim::<Advanced>::with_clock(hsi, Counter::Narrow));
+        // TIM5's internal triggers 0 to 2 (RM0090 table 97).
+        let camera = Tim::<General>::with_clock(hsi, Counter::Wide);
+        chip.put("TIM5", Recorded::new(camera, world.camera.clone()).hearing(&["TIM2", "TIM3", "TIM4"]));
         for (axis, trace) in AXES.into_iter().zip(&world.axes) {
             match axis {
                 "TIM1" => {

@@ -5,11 +5,14 @@ use rigless::soc::stm32f427::generated::flash::{Register, cr, sr};
 use rigless::soc::stm32f427::peripherals::flash::Flash;
 use rigless::soc::{Layout, RegisterSpec, Width};
 use rigless::time::{EventId, VirtualNanos};
+use std::sync::{Arc, Mutex};
 
 /// Where the array begins.
 const BASE: u64 = 0x0800_0000;
 /// Bytes of a bank.
 const BANK: u64 = 1 << 20;
+/// Where bank 2 begins.
+pub const BANK_2: u64 = BASE + BANK;
 /// Time to program a word of 32 bits (DS9405 table 48, typical).
 const WORD_NANOS: u64 = 16_000;
 /// The interrupt's position.
@@ -20,27 +23,30 @@ const FLASH: usize = 0;
 pub struct Array {
     interface: Flash,
     /// Bank 2 as it stands: programming clears bits only.
-    bank2: Vec<u8>,
+    bank2: Arc<Mutex<Vec<u8>>>,
     /// When the word that is being programmed is done.
     programming: Option<EventId>,
     erasing: bool,
 }
 
 impl Array {
-    /// An erased array.
-    pub fn new(interface: Flash) -> Self {
-        Self { interface, bank2: vec![0xff; BANK as usize], programming: None, erasing: false }
+    /// An array that holds what `bank2` does; nothing there is an erased one.
+    pub fn new(interface: Flash, bank2: Arc<Mutex<Vec<u8>>>) -> Self {
+        bank2.lock().expect("one thread at a time").resize(BANK as usize, 0xff);
+        Self { interface, bank2, programming: None, erasing: false }
     }
 
     fn put(&mut self, address: u64, value: u32, context: &mut DeviceContext<'_>) {
         let Some(at) = address.checked_sub(BASE + BANK).filter(|a| *a + 4 <= BANK) else { return };
-        self.bank2[at as usize..at as usize + 4].copy_from_slice(&value.to_le_bytes());
+        let mut bank2 = self.bank2.lock().expect("one thread at a time");
+        bank2[at as usize..at as usize + 4].copy_from_slice(&value.to_le_bytes());
         context.program(address, Width::W32, value.into(), 0);
     }
 
     fn word(&self, address: u64) -> u32 {
         let at = (address - BASE - BANK) as usize;
-        u32::from_le_bytes(self.bank2[at..at + 4].try_into().expect("four bytes"))
+        let bank2 = self.bank2.lock().expect("one thread at a time");
+        u32::from_le_bytes(bank2[at..at + 4].try_into().expect("four bytes"))
     }
 
     /// The first address and the length of the sector that CR names, if it lies in bank 2 (table 6).

@@ -68,12 +68,24 @@ pub struct Recorded<F: Family> {
     timer: Tim<F>,
     trace: Arc<Mutex<Trace>>,
     updates: u64,
+    /// Pulses seen on the trigger output.
+    triggers: u64,
+    /// The timers at the internal trigger inputs, ITR0 first.
+    sources: &'static [&'static str],
 }
+
+/// The request output on which a timer's TRGO is told to the timers that hear it: none of the model's own.
+const TRIGGER_OUTPUT: usize = 64;
 
 impl<F: Family> Recorded<F> {
     /// Records `timer` into `trace`.
     pub fn new(timer: Tim<F>, trace: Arc<Mutex<Trace>>) -> Self {
-        Self { timer, trace, updates: 0 }
+        Self { timer, trace, updates: 0, triggers: 0, sources: &[] }
+    }
+
+    /// Hears the trigger outputs of other timers (RM0090 table 97).
+    pub fn hearing(self, sources: &'static [&'static str]) -> Self {
+        Self { sources, ..self }
     }
 }
 
@@ -81,7 +93,7 @@ impl<F: Family> Recorded<F>
 where
     Tim<F>: ErasedDevice,
 {
-    fn look(&mut self, registers: &RegisterFile, context: &DeviceContext<'_>) {
+    fn look(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
         let mut trace = self.trace.lock().expect("one thread at a time");
         let trace = &mut *trace;
         let tick = trace.tick(context.now());
@@ -97,6 +109,12 @@ where
         if updates != self.updates {
             self.updates = updates;
             trace.updates.push(tick);
+        }
+        let triggers = self.timer.trigger_output().1;
+        if triggers != self.triggers {
+            self.triggers = triggers;
+            context.request(TRIGGER_OUTPUT, Level::High);
+            context.request(TRIGGER_OUTPUT, Level::Low);
         }
     }
 }
@@ -122,7 +140,13 @@ where
         self.look(registers, context);
     }
     fn on_request(&mut self, change: RequestChange, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        ErasedDevice::on_request(&mut self.timer, change, registers, context);
+        if change.request == TRIGGER_OUTPUT {
+            if let Some(input) = self.sources.iter().position(|s| *s == change.instance) {
+                self.timer.drive_internal_trigger(input as u8, change.level, registers, context);
+            }
+        } else {
+            ErasedDevice::on_request(&mut self.timer, change, registers, context);
+        }
     }
     fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         ErasedDevice::on_clock(&mut self.timer, hz, registers, context);

@@ -34,7 +34,12 @@ pub struct Controller<B> {
     last_stop: Option<StopCause>,
     told: Option<BoardTime>,
     events: u32,
+    /// When to restart into the bootloader.
+    leaving: Option<BoardTime>,
 }
+
+/// From the answer to a request for the bootloader to the restart, µs: the answer is on its way by then.
+const LEAVE_US: u64 = 50_000;
 
 impl<B: Board> Controller<B> {
     /// A board that has just started, with what it kept. Nothing moves.
@@ -59,6 +64,7 @@ impl<B: Board> Controller<B> {
             last_stop: None,
             told: None,
             events: 0,
+            leaving: None,
         }
     }
 
@@ -99,6 +105,10 @@ impl<B: Board> Controller<B> {
     /// Events go to every link that has a session.
     pub fn poll(&mut self, now: BoardTime) -> Option<FromBoard> {
         self.watch_host(now);
+        if self.leaving.is_some_and(|since| now.since(since) >= LEAVE_US) {
+            self.board.enter_bootloader();
+            self.leaving = None;
+        }
         let event = self.motion_event(now).or_else(|| self.scan_event(now)).or_else(|| self.telemetry(now));
         self.parking.poll(now, &self.motion, &mut self.board);
         event.map(|event| {
@@ -117,7 +127,7 @@ impl<B: Board> Controller<B> {
         if needs_control(&request) && self.sessions.controller() != session {
             return Err(Refusal::NotInControl { controller: self.sessions.controller() });
         }
-        if is_motion(&request) && self.focusing.is_running() {
+        if is_motion(&request) && (self.focusing.is_running() || self.leaving.is_some()) {
             return Err(Refusal::Busy);
         }
         if is_motion(&request) {
@@ -164,22 +174,31 @@ impl<B: Board> Controller<B> {
             Request::Trigger { plan } => motion.trigger(board, &plan).map(done),
             Request::AutofocusStart(parameters) => {
                 existing(parameters.axis)?;
+                if self.leaving.is_some() {
+                    return Err(Refusal::Busy);
+                }
                 self.parking.leave(board);
                 self.focusing.start(now, &parameters, motion, board).map(Response::Scan)
             }
             Request::AutofocusSample(sample) => self.focusing.sample(now, &sample, motion, board).map(Response::Scan),
             Request::AutofocusSweepSample(sample) => {
-                self.focusing.sweep_sample(now, &sample, motion, board).map(Response::Scan)
+                let swept = self.focusing.sweep_sample(now, &sample, motion, board);
+                swept.map(|(z, state)| Response::Swept { z, state })
             }
             Request::AutofocusState => Ok(Response::Scan(self.focusing.state())),
             Request::AutofocusAbort { scan } => self.focusing.abort(now, scan, motion, board).map(Response::Scan),
             Request::Clock { sent } => Ok(Response::Clock { sent, received: now, answered: now }),
             Request::EnterDfu => {
-                if !self.motion.in_position() {
+                if !self.motion.in_position() || self.focusing.is_running() {
                     return Err(Refusal::Busy);
                 }
-                self.board.enter_bootloader();
-                Err(Refusal::Unsupported)
+                if !self.board.has_bootloader() {
+                    return Err(Refusal::Unsupported);
+                }
+                // Nothing moves from here on.
+                self.board.outputs_off();
+                self.leaving = Some(now);
+                Ok(Response::Done)
             }
         }
     }
@@ -303,10 +322,13 @@ impl<B: Board> Controller<B> {
             return None;
         }
         let every = (1e6 / rate) as u64;
-        if self.told.is_some_and(|told| now.since(told) < every) {
+        let since = self.told.map(|told| now.since(told));
+        if since.is_some_and(|since| since < every) {
             return None;
         }
-        self.told = Some(now);
+        // In step with its rate, however late this look is; but never a burst to catch up.
+        let late = since.map_or(0, |since| since - every);
+        self.told = Some(if late < every { BoardTime(now.0 - late) } else { now });
         Some(Event::Position { time: now, steps: self.motion.steps(&mut self.board) })
     }
 }

@@ -4,7 +4,7 @@ use crate::autofocus::{Ask, Scan};
 use crate::motion::{Ending, Motion};
 use crate::ports::Board;
 use parfocal_protocol::autofocus::{
-    FocusSample, Outcome, SampleWanted, ScanId, ScanParameters, ScanRefusal, ScanReport, ScanState, SweepSample,
+    FocusSample, Mode, Outcome, SampleWanted, ScanId, ScanParameters, ScanRefusal, ScanReport, ScanState, SweepSample,
 };
 use parfocal_protocol::message::{Event, Field, Refusal, StopCause};
 use parfocal_protocol::units::{AXES, BoardTime, Micrometres, Milliseconds, Nanometres, PerAxis};
@@ -19,12 +19,26 @@ enum Doing {
     Approaching,
     /// At rest, waiting for a sample since `asked`; told last at `told`.
     Waiting { wanted: SampleWanted, asked: BoardTime, told: Option<BoardTime> },
-    /// On a leg of a sweep; the last sample came at `heard`.
-    Sweeping { to: Nanometres, heard: BoardTime },
+    /// On a leg of a sweep, or at its end until the last of its frames have come.
+    Sweeping(Leg),
     /// Decelerating, to take up what was asked next.
-    Turning { next: Ask },
+    Ending { next: Ask },
     /// On its last way, without samples.
     Leaving,
+}
+
+/// One leg of a sweep. Frames come late, so it is over only with the first one that was exposed after its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Leg {
+    to: Nanometres,
+    /// Exposure of the latest frame told; no later one may be earlier. At first: when the leg began.
+    told: BoardTime,
+    /// When the latest sample came.
+    heard: BoardTime,
+    /// Whether it was cut short to go the other way.
+    turning: bool,
+    /// Since when the axis rests at its end.
+    ended: Option<BoardTime>,
 }
 
 #[derive(Clone, Debug)]
@@ -62,8 +76,8 @@ impl Focusing {
         match (&self.running, self.last) {
             (Some(running), _) => match running.doing {
                 Doing::Waiting { wanted, .. } => ScanState::Waiting(wanted),
-                Doing::Sweeping { .. } => ScanState::Sweeping(running.parameters.scan),
-                Doing::Approaching | Doing::Turning { .. } | Doing::Leaving => {
+                Doing::Sweeping(_) => ScanState::Sweeping(running.parameters.scan),
+                Doing::Approaching | Doing::Ending { .. } | Doing::Leaving => {
                     ScanState::Moving(running.parameters.scan)
                 }
             },
@@ -110,6 +124,8 @@ impl Focusing {
     ///
     /// # Errors
     /// [`Refusal::NoSuchScan`], [`Refusal::WrongSample`] and [`Refusal::NotANumber`]; the scan goes on waiting.
+    // A function of its own in the program, too: the emulator counts what it takes.
+    #[inline(never)]
     pub fn sample(
         &mut self,
         now: BoardTime,
@@ -135,19 +151,20 @@ impl Focusing {
         Ok(self.state())
     }
 
-    /// Takes a sample of a sweep: the axis' place at that time is looked up in the board's own record.
+    /// Takes a sample of a sweep: where the axis was at that time is looked up in the board's own record, and told.
     ///
     /// # Errors
-    /// As [`Focusing::sample`]; [`Refusal::OldSequence`] for a time that the record no longer, or not yet, covers.
+    /// As [`Focusing::sample`]; [`Refusal::WrongTime`] for a frame exposed before the leg began, before the one told last, or
+    /// later than now. The sweep goes on.
     pub fn sweep_sample(
         &mut self,
         now: BoardTime,
         sample: &SweepSample,
         motion: &mut Motion,
         board: &mut impl Board,
-    ) -> Result<ScanState, Refusal> {
+    ) -> Result<(Nanometres, ScanState), Refusal> {
         let running = self.current(sample.scan)?;
-        let Doing::Sweeping { heard, .. } = &mut running.doing else {
+        let Doing::Sweeping(leg) = &mut running.doing else {
             return Err(Refusal::WrongSample { wanted: running.index });
         };
         if sample.index < running.index {
@@ -156,13 +173,21 @@ impl Focusing {
         if sample.value.is_ok_and(|v| !v.0.is_finite()) {
             return Err(Refusal::NotANumber);
         }
-        let z = motion.position_at(board, running.parameters.axis, sample.at).ok_or(Refusal::OldSequence)?;
-        *heard = now;
+        let wrong = Refusal::WrongTime { earliest: leg.told, latest: now };
+        if sample.at < leg.told || sample.at > now {
+            return Err(wrong);
+        }
+        let z = motion.position_at(board, running.parameters.axis, sample.at).ok_or(wrong)?;
+        (leg.told, leg.heard) = (sample.at, now);
+        let over = leg.ended.is_some_and(|ended| sample.at >= ended);
         running.index = sample.index + 1;
-        let ask = running.scan.sample(z, sample.value);
+        let ask = if over { running.scan.arrived(z) } else { running.scan.sample(z, sample.value) };
+        if over {
+            running.doing = Doing::Leaving;
+        }
         running.obey(now, ask, motion, board);
         self.finish(now, motion, board);
-        Ok(self.state())
+        Ok((z, self.state()))
     }
 
     /// Ends a scan on request; the axis returns to its start.
@@ -190,7 +215,11 @@ impl Focusing {
 
     /// A motion ended early. A sweep's leg that was cut short on purpose is no interruption.
     pub fn stopped(&mut self, cause: StopCause) {
-        let turning = self.running.as_ref().is_some_and(|r| matches!(r.doing, Doing::Turning { .. }));
+        let turning = self.running.as_ref().is_some_and(|r| match r.doing {
+            Doing::Sweeping(leg) => leg.turning,
+            Doing::Ending { .. } => true,
+            _ => false,
+        });
         if !(turning && cause == StopCause::Asked) {
             self.interrupted();
         }
@@ -244,20 +273,28 @@ impl Running {
         if ask == Ask::Wait {
             return;
         }
-        if matches!(self.doing, Doing::Sweeping { .. }) && !motion.in_position() {
-            if self.doing == (Doing::Sweeping { to: target(ask), heard: now }) {
+        if let Doing::Sweeping(leg) = &mut self.doing {
+            let on = matches!(ask, Ask::Sweep { to } if to == leg.to && !leg.turning);
+            // Turned or at its end already: when the last frames have come, the scan is asked again.
+            if on || (matches!(ask, Ask::Sweep { .. }) && (leg.turning || leg.ended.is_some())) {
                 return;
             }
-            // The end of the leg is where the axis comes to rest; `advance` tells the scan and takes up what it asks then.
-            motion.stop(now, board, StopCause::Asked);
-            self.doing = Doing::Turning { next: ask };
-            return;
+            if !motion.in_position() {
+                motion.stop(now, board, StopCause::Asked);
+                if matches!(ask, Ask::Sweep { .. }) {
+                    leg.turning = true;
+                } else {
+                    self.doing = Doing::Ending { next: ask };
+                }
+                return;
+            }
         }
         match ask {
             Ask::Wait | Ask::Ended(_) => {}
             Ask::Sample { z } => self.go(now, z, Ending::Direct, Doing::Approaching, motion, board),
             Ask::Sweep { to } => {
-                self.go(now, to, Ending::Direct, Doing::Sweeping { to, heard: now }, motion, board);
+                let leg = Leg { to, told: now, heard: now, turning: false, ended: None };
+                self.go(now, to, Ending::Direct, Doing::Sweeping(leg), motion, board);
             }
             Ask::Go { z } => self.go(now, z, Ending::Approach, Doing::Leaving, motion, board),
         }
@@ -276,7 +313,9 @@ impl Running {
         if let Some(axis) = self.parameters.axis.index() {
             to[axis] = Some(z);
         }
-        let speed = (self.parameters.speed.0 > 0.0).then_some(self.parameters.speed);
+        // A sweep's speed is for the camera's sake; on the way out and back nobody looks.
+        let own = self.parameters.mode == Mode::Sweep && !matches!(doing, Doing::Sweeping(_));
+        let speed = (self.parameters.speed.0 > 0.0 && !own).then_some(self.parameters.speed);
         match motion.move_to(now, board, &to, speed, ending) {
             Ok(_) => self.doing = doing,
             Err(_) => {
@@ -298,24 +337,27 @@ impl Running {
                 self.obey(now, ask, motion, board);
             }
             Doing::Waiting { .. } => {}
-            Doing::Sweeping { heard, .. } if now.since(heard) > patience => {
+            Doing::Sweeping(leg) if now.since(leg.heard) > patience => {
                 let ask = self.scan.abort(ScanRefusal::SamplesStopped);
                 self.obey(now, ask, motion, board);
             }
             _ if !motion.in_position() => {}
+            Doing::Sweeping(leg) => {
+                self.doing = Doing::Sweeping(Leg { ended: leg.ended.or(Some(now)), ..leg });
+            }
             Doing::Approaching => {
                 let z = self.here(motion, board);
                 let wanted = SampleWanted { scan: self.parameters.scan, index: self.index, z, since: now };
                 self.doing = Doing::Waiting { wanted, asked: now, told: None };
             }
-            Doing::Leaving | Doing::Sweeping { .. } | Doing::Turning { .. } => {
+            Doing::Leaving => {
                 let z = self.here(motion, board);
-                let ask = match self.doing {
-                    Doing::Turning { next } if matches!(next, Ask::Go { .. }) => next,
-                    _ => self.scan.arrived(z),
-                };
-                self.doing = Doing::Leaving;
+                let ask = self.scan.arrived(z);
                 self.obey(now, ask, motion, board);
+            }
+            Doing::Ending { next } => {
+                self.doing = Doing::Leaving;
+                self.obey(now, next, motion, board);
             }
         }
     }
@@ -344,13 +386,5 @@ impl Running {
             frames: summary.frames,
             duration: Milliseconds((now.since(self.begun) / 1000) as u32),
         });
-    }
-}
-
-fn target(ask: Ask) -> Nanometres {
-    match ask {
-        Ask::Sample { z } | Ask::Go { z } => z,
-        Ask::Sweep { to } => to,
-        Ask::Wait | Ask::Ended(_) => Nanometres(0),
     }
 }

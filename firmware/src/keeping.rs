@@ -6,19 +6,18 @@
 //!
 //! [sequential-storage]: https://docs.rs/sequential-storage
 
+mod forms;
+
 use crate::ports::{Keep, Kept, RestingPosition};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::NorFlash;
-use parfocal_protocol::units::{AXES, Steps};
+use forms::{Position, Record, VERSION};
+use parfocal_protocol::units::Steps;
 use postcard::experimental::max_size::MaxSize;
 use sequential_storage::Error;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 use serde::Serialize;
-use serde::de::DeserializeOwned;
-
-/// The form in which this firmware writes records.
-const VERSION: u8 = 1;
 
 /// Keys of the records: the axes' settings lie at 0, 1, 2, …
 const BOARD: u8 = 0x40;
@@ -57,7 +56,7 @@ impl<S: NorFlash> Store<S> {
             *axis = self.read(key).await;
         }
         kept.board = self.read(BOARD).await;
-        let position: Option<Option<[(i32, bool); AXES]>> = self.read(POSITION).await;
+        let position: Option<Position> = self.read(POSITION).await;
         kept.position =
             position.flatten().map(|p| p.map(|(steps, known)| RestingPosition { steps: Steps(steps), known }));
         kept
@@ -77,15 +76,11 @@ impl<S: NorFlash> Store<S> {
         }
     }
 
-    async fn read<T: DeserializeOwned>(&mut self, key: u8) -> Option<T> {
+    async fn read<T: Record>(&mut self, key: u8) -> Option<T> {
         let mut buffer = [0; BUFFER];
         match self.map.fetch_item::<&[u8]>(&mut buffer, &key).await {
-            Ok(Some([VERSION, record @ ..])) => match postcard::take_from_bytes(record) {
-                Ok((value, [])) => Some(value),
-                _ => None,
-            },
-            Ok(_) => None,
-            Err(_) => None,
+            Ok(Some([version, record @ ..])) => T::read(*version, record),
+            Ok(_) | Err(_) => None,
         }
     }
 

@@ -86,6 +86,16 @@ pub trait Board {
     /// Hands something over to be written to flash in the background. False when it cannot be taken now.
     fn keep(&mut self, what: Keep) -> bool;
 
+    /// Whether steps of an axis can give camera pulses.
+    fn has_trigger(&self, axis: usize) -> bool {
+        axis < AXES
+    }
+
+    /// Whether there is a bootloader to restart into.
+    fn has_bootloader(&self) -> bool {
+        false
+    }
+
     /// Restarts into the USB bootloader. Returns only where there is none.
     fn enter_bootloader(&mut self);
 }

@@ -200,7 +200,7 @@ fn camera_pulses_come_with_the_step() {
         // 20 steps of play, then 200 to the first pulse, 15 from one to the next.
         let step = steps[20 + 200 + 15 * i - 1].0;
         let pulse = board.bench.timers.camera_pulse().unwrap();
-        assert!(pulse.abs_diff(step) <= 1, "{i}: {pulse} {step}");
+        assert_eq!(pulse, step, "{i}");
         let at = Nanometres(20_000 + 1_500 * i as i32);
         assert_eq!(**event, MotionEvent::Triggered { index: i as u16, time: BoardTime(step / 84), position: at });
     }

@@ -132,6 +132,7 @@ fn answers_and_events() {
         Response::Board(_) => 5, Response::Board(BoardSettings::default());
         Response::Scan(_) => 6, Response::Scan(ScanState::None);
         Response::Clock { .. } => 7, Response::Clock { sent: HostTime(0), received: BoardTime(0), answered: BoardTime(0) };
+        Response::Swept { .. } => 8, Response::Swept { z: Nanometres(0), state: ScanState::None };
     );
     pin!(Event:
         Event::Position { .. } => 0, Event::Position { time: BoardTime(0), steps: [Steps(0); AXES] };
@@ -196,6 +197,8 @@ fn refusals() {
         Refusal::NoHomeSwitch { .. } => 13, Refusal::NoHomeSwitch { axis };
         Refusal::CannotSave => 14, Refusal::CannotSave;
         Refusal::Unsupported => 15, Refusal::Unsupported;
+        Refusal::NoTrigger { .. } => 16, Refusal::NoTrigger { axis };
+        Refusal::WrongTime { .. } => 17, Refusal::WrongTime { earliest: BoardTime(1), latest: BoardTime(2) };
     );
     pin!(Field:
         Field::StepsPerUm => 0, Field::StepsPerUm;

@@ -2,12 +2,12 @@
 
 use crate::hardware::{Driver, Hardware};
 use crate::mechanics::Mechanics;
-use crate::model::BoardModel;
+use crate::model::{BEYOND_NM, BoardModel};
 use parfocal_firmware::controller::{Controller, Link};
 use parfocal_firmware::port::{Port, Received, encode_message, encode_stranger};
 use parfocal_firmware::ports::{Identity, Kept, RestingPosition};
 use parfocal_protocol::message::{FromBoard, Label, ResetCause};
-use parfocal_protocol::units::{AXES, BoardTime, Micrometres};
+use parfocal_protocol::units::{AXES, BoardTime, Micrometres, Nanometres};
 use std::collections::VecDeque;
 
 /// How long the past of the carriages is remembered, µs: longer than any camera's latency.
@@ -110,6 +110,7 @@ impl VirtualBoard {
     pub fn live(&mut self, now: u64) {
         let time = board_time(&self.model, now);
         self.controller.board_mut().play(time);
+        self.press_switches();
         while self.inbound.front().is_some_and(|(due, _)| *due <= now) {
             let Some((_, packet)) = self.inbound.pop_front() else { break };
             for byte in packet {
@@ -137,6 +138,18 @@ impl VirtualBoard {
         };
         let share = if t1 > t0 { ((at - t0) as f64 / (t1 - t0) as f64).min(1.0) } else { 1.0 };
         Micrometres(old[axis] + (new[axis] - old[axis]) * share)
+    }
+
+    /// Limit switches, normally closed, at both ends of every axis' travel.
+    fn press_switches(&mut self) {
+        let hardware = self.controller.board_mut();
+        for (i, axis) in self.model.axes.iter().enumerate().take(AXES) {
+            let s = &axis.settings;
+            let end = |at: Nanometres, beyond: i32| s.steps_per_um.steps(Nanometres(at.0.saturating_add(beyond)));
+            let motor = hardware.motor(i);
+            hardware.inputs_mut().low_switch[i] = motor <= end(s.low, -BEYOND_NM);
+            hardware.inputs_mut().high_switch[i] = motor >= end(s.high, BEYOND_NM);
+        }
     }
 
     /// Where a motor stands, by the steps that its driver saw.

@@ -3,7 +3,7 @@
 use crate::camera::CameraTiming;
 use crate::mechanics::Stage;
 use crate::scene::Optics;
-use parfocal_protocol::settings::AxisSettings;
+use parfocal_protocol::settings::{AxisSettings, Side};
 use parfocal_protocol::units::{
     AXES, Axis, Micrometres, MicrometresPerSecond, MicrometresPerSecond2, MicrometresPerSecond3, Milliseconds,
     Nanometres, StepsPerMicrometre,
@@ -85,6 +85,17 @@ pub struct ObjectiveModel {
     pub depth_of_field_um: f64,
 }
 
+impl ObjectiveModel {
+    /// A weak one, to find lost tips with; a model has it when it is added.
+    pub const SEARCHER: Self = Self {
+        name: "4x",
+        alpha: 10.06,
+        kappa_um: [-35.0, 22.0, 12.0],
+        optics: Optics::DRY_4X,
+        depth_of_field_um: 55.0,
+    };
+}
+
 /// A whole virtual rig. Board 0 is the microscope (x, y, z move the objective), board n manipulator n.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigModel {
@@ -112,9 +123,15 @@ fn fine(low_um: i32, high_um: i32) -> AxisSettings {
         low: Nanometres(low_um * 1000),
         high: Nanometres(high_um * 1000),
         settling: Milliseconds(15),
+        home: Some(Side::Low),
+        home_at: Nanometres(low_um * 1000 - BEYOND_NM),
+        has_switches: true,
         ..AxisSettings::default()
     }
 }
+
+/// Limit switches lie so far beyond the soft limits.
+pub const BEYOND_NM: i32 = 50_000;
 
 /// Settings of the virtual x and y axes and of the manipulators: 1/16 µm a step.
 fn coarse() -> AxisSettings {
@@ -124,6 +141,8 @@ fn coarse() -> AxisSettings {
         acceleration: MicrometresPerSecond2(20_000.0),
         low: Nanometres(-10_000_000),
         high: Nanometres(10_000_000),
+        home_speed: MicrometresPerSecond(2000.0),
+        home_at: Nanometres(-10_000_000 - BEYOND_NM),
         ..fine(0, 0)
     }
 }
@@ -191,6 +210,7 @@ impl RigModel {
             && let (Some(low), Some(high)) = (low.nanometres(), high.nanometres())
         {
             (axis.settings.low, axis.settings.high) = (low, high);
+            axis.settings.home_at = Nanometres(low.0.saturating_sub(BEYOND_NM));
         }
     }
 

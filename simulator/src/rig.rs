@@ -124,6 +124,13 @@ impl Rig {
 
     /// The next frame as what it is going to show: rendering it takes time in which the rig may live on.
     pub fn next_shot(&mut self, deadline: u64) -> Option<(FrameTimes, Shot)> {
+        let times = self.next_times(deadline)?;
+        let shot = self.shot(&times);
+        Some((times, shot))
+    }
+
+    /// As [`Rig::next_frame`], without drawing what it shows.
+    pub fn next_times(&mut self, deadline: u64) -> Option<FrameTimes> {
         let times = match self.pending.take() {
             Some(times) => times,
             None => self.camera.next_frame(self.now),
@@ -133,8 +140,7 @@ impl Rig {
             self.pending = Some(times);
             return None;
         }
-        let shot = self.shot(&times);
-        Some((times, shot))
+        Some(times)
     }
 
     /// A region around the tip of manipulator `n` (from 0) in the picture, if it is in view.

@@ -1,5 +1,10 @@
 //! What host-in-the-loop tests share. The tests themselves are in `tests/tests`.
 
+pub mod http;
+pub mod page;
+pub mod rig;
+pub mod webdriver;
+
 use std::path::PathBuf;
 use std::process::Command;
 

@@ -80,3 +80,23 @@ fn the_simulated_rig_focuses_its_own_tip_and_repeats_to_the_bit() {
     assert!(code == 0 && z.abs() <= 1.6, "{first}");
     assert_eq!(parfocal_json(&["autofocus", "--seed", "3"]).1, first);
 }
+
+#[test]
+fn a_manipulators_axis_brings_its_tip_into_focus_under_a_fixed_lens() {
+    // The lens looks at 40 µm, the tip lies at 0: the pipette has to rise.
+    let (code, said) = parfocal_json(&["autofocus", "--axis", "m1.z", "--mode", "sweep", "--range=-60..100"]);
+    let z = said["z_um"].as_f64().unwrap();
+    assert!(code == 0 && (z - 40.0).abs() <= 1.6, "{z}: {said}");
+}
+
+#[test]
+#[cfg_attr(not(shared_data), ignore = "needs real data: set PARFOCAL_DATA")]
+fn without_a_region_the_sharpest_texture_is_taken_and_said() {
+    let camera = stack("acq4_pipette_tip");
+    let output = parfocal_tests::parfocal().args(["autofocus", "--camera", &camera, "--roi", "auto"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{output:?}");
+    let line = said.lines().find(|line| line.starts_with("region ")).unwrap_or_else(|| panic!("{said}"));
+    assert!(line.contains("the sharpest texture where the scan begins"), "{line}");
+    println!("{line}: {}", String::from_utf8_lossy(&output.stdout));
+}

@@ -56,6 +56,72 @@ fn a_region_outside_the_picture() {
 }
 
 #[test]
+fn regions_and_pictures_too_small_to_measure() {
+    let folder = stack("z_step_um = 1.0", &[16, 16]);
+    let camera = format!("stack:{}", folder.path().display());
+    for (roi, says) in [
+        ("3,3,0,5", "is empty"),
+        ("3,3,5,0", "is empty"),
+        ("3,3,1,1", "at least 3x3 pixels, this one is 1x1"),
+        ("16,0,1,1", "leaves the picture"),
+        ("18446744073709551615,0,2,2", "leaves the picture"),
+    ] {
+        let (code, said) = fails(&["autofocus", "--camera", &camera, "--roi", roi]);
+        assert!(code == 1 && said.contains(says), "{roi}: {code} {said}");
+    }
+    let tiny = tempfile::tempdir().unwrap();
+    std::fs::write(tiny.path().join("stack.toml"), "z_step_um = 1.0").unwrap();
+    for plane in 0..3 {
+        image::GrayImage::from_pixel(1, 1, image::Luma([plane * 50]))
+            .save(tiny.path().join(format!("{plane}.png")))
+            .unwrap();
+    }
+    let (code, said) = autofocus(tiny.path());
+    assert!(code == 1 && said.contains("at least 3x3 pixels, this one is 1x1"), "{said}");
+}
+
+#[test]
+fn colour_is_converted_and_said() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("stack.toml"), "z_step_um = 1.0").unwrap();
+    for plane in 0..40i32 {
+        let contrast = 100.0 * (-f64::from((plane - 17) * (plane - 17)) / 80.0).exp();
+        let picture = image::RgbImage::from_fn(32, 32, |x, _| {
+            let grey = (120.0 + if x / 2 % 2 == 0 { contrast } else { -contrast }) as u8;
+            image::Rgb([grey, grey, grey])
+        });
+        picture.save(folder.path().join(format!("{plane:02}.png"))).unwrap();
+    }
+    let camera = format!("stack:{}", folder.path().display());
+    let output = parfocal().args(["autofocus", "--camera", &camera]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("colour, converted to grey"), "{output:?}");
+}
+
+#[test]
+fn sweeps_that_make_no_sense() {
+    let camera = concat!("curve:", env!("CARGO_MANIFEST_DIR"), "/golden/curve.csv");
+    let sweep = |speed: &str| fails(&["autofocus", "--mode", "sweep", "--camera", camera, "--speed-um-s", speed]);
+    for (speed, says) in [
+        ("0", "a speed of 0 µm/s is none"),
+        ("-20", "a speed of -20 µm/s is none"),
+        ("nan", "is none"),
+        ("inf", "is none"),
+        ("900", "Sweep at 500 µm/s or slower"),
+    ] {
+        let (code, said) = sweep(speed);
+        assert!(code == 1 && said.contains(says), "{speed}: {code} {said}");
+    }
+    for option in ["fps=0", "fps=x", "exposure_ms=50&fps=30", "delay_ms=150..20", "stamps=maybe", "colour=1", "fps"] {
+        let (code, said) = fails(&["autofocus", "--camera", &format!("sim?{option}")]);
+        assert!(code == 2 && said.contains("sim?"), "{option}: {code} {said}");
+    }
+    // Nothing is drawn before the refusal: the camera tells no exposure times and was never calibrated.
+    let (code, said) = fails(&["autofocus", "--mode", "sweep", "--camera", "sim?stamps=arrival"]);
+    assert!(code == 1 && said.contains("its latency is not calibrated"), "{said}");
+}
+
+#[test]
 fn a_port_that_is_not_there() {
     let (code, said) = fails(&["--port", "/dev/no-such-port", "status"]);
     assert!(code == 1 && said.contains("/dev/no-such-port"), "{said}");

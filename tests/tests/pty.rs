@@ -60,6 +60,17 @@ fn a_scan_through_a_serial_port_visits_the_same_places_as_in_the_simulator() {
 }
 
 #[test]
+fn a_sweep_through_a_serial_port_finds_the_peak() {
+    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/curve.csv");
+    let camera = format!("curve:{}", golden.display());
+    let board = Simulated::start();
+    let (code, said) = parfocal_json(&["--port", &board.ports[0], "autofocus", "--mode", "sweep", "--camera", &camera]);
+    // The curve's highest point; frames lie up to 2 µm apart.
+    let z = said["z_um"].as_f64().unwrap();
+    assert!(code == 0 && (z - 17.0).abs() <= 1.5, "{said}");
+}
+
+#[test]
 fn a_board_answers_one_program_at_a_time_and_the_next_one_after_it() {
     let board = Simulated::start();
     let port = board.ports[0].as_str();
@@ -70,6 +81,54 @@ fn a_board_answers_one_program_at_a_time_and_the_next_one_after_it() {
     // Connecting moves and resets nothing.
     let (_, status) = parfocal_json(&["--port", port, "status"]);
     assert_eq!(status["axes"][2]["position_um"], -20.0);
+}
+
+/// One command on a port; its JSON.
+fn on(port: &str, arguments: &[&str]) -> Value {
+    let all: Vec<&str> = ["--port", port].iter().chain(arguments).copied().collect();
+    let (code, said) = parfocal_json(&all);
+    assert_eq!(code, 0, "{arguments:?}: {said}");
+    said
+}
+
+#[test]
+fn a_move_is_held_by_the_next_command_and_goes_on_with_another() {
+    let board = Simulated::start();
+    let port = board.ports[0].as_str();
+    on(port, &["move", "scope.x=6000", "--no-wait"]);
+    std::thread::sleep(Duration::from_millis(300));
+    on(port, &["hold"]);
+    std::thread::sleep(Duration::from_millis(400));
+    let x = |status: Value| status["axes"][0]["position_um"].as_f64().unwrap();
+    let held = x(on(port, &["status"]));
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(x(on(port, &["status"])), held, "a held axis rests");
+    assert!(held > 0.0 && held < 6000.0, "{held}");
+    on(port, &["resume"]);
+    let mut still = (0..200).map(|_| {
+        std::thread::sleep(Duration::from_millis(50));
+        x(on(port, &["status"]))
+    });
+    assert!(still.any(|x| x == 6000.0), "it goes on to its end");
+}
+
+#[test]
+fn a_home_switch_on_the_wrong_side_is_told() {
+    let board = Simulated::start();
+    let port = board.ports[0].as_str();
+    // As if the motor turned the other way than the board thinks: the low switch is where it looks for the high one.
+    on(port, &["settings", "set", "scope.z", "home=high", "inverted=true"]);
+    let (code, said) = parfocal_json(&["--port", port, "home", "scope.z"]);
+    let error = said["error"].as_str().unwrap();
+    assert!(code == 1 && error.contains("scope.z") && error.contains("the other end's switch was met"), "{said}");
+    // A switch that is wired, but reads the wrong way round, is pressed everywhere.
+    on(port, &["settings", "set", "scope.z", "home=low", "inverted=false", "switches=pressed-low"]);
+    let (code, said) = parfocal_json(&["--port", port, "home", "scope.z"]);
+    assert!(code == 1 && said["error"].as_str().unwrap().contains("pressed everywhere"), "{said}");
+    // None at all.
+    on(port, &["settings", "set", "scope.x", "has_switches=false"]);
+    let (code, said) = parfocal_json(&["--port", port, "home", "scope.x"]);
+    assert!(code == 1 && said["error"].as_str().unwrap().contains("has no home switch in its settings"), "{said}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What a person would otherwise have to remember: `cargo xtask test|firmware|flash|emulate|bench`.
 
 mod bench;
+mod browser;
 mod emulate;
 mod firmware;
 mod flash;

@@ -55,7 +55,24 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 8] = ["serial", "usb", "edges", "scan", "scan-serial", "stop", "stall", "emergency"];
+const EVERY_TIME: [&str; 16] = [
+    "serial",
+    "usb",
+    "edges",
+    "exactness",
+    "cost",
+    "telemetry",
+    "scan",
+    "scan-serial",
+    "trigger",
+    "stop",
+    "stall",
+    "host-lost",
+    "dfu",
+    "power-cycle",
+    "watchdog",
+    "emergency",
+];
 
 impl Step {
     fn run(self) -> anyhow::Result<()> {
@@ -65,6 +82,7 @@ impl Step {
                 check(cargo().args(["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"]))
             }
             Self::Tests => {
+                super::browser::install()?;
                 // Tests of the command run the program itself.
                 check(cargo().args(["build", "--quiet", "--package", "parfocal"]))?;
                 tests(&["--workspace"])
@@ -77,7 +95,7 @@ impl Step {
                         .env("RUSTDOCFLAGS", "-D warnings -A rustdoc::private_intra_doc_links"),
                 )
             }
-            // The watchdog and the rates take many minutes more: `cargo xtask emulate` plays them with the rest.
+            // The top rates take a minute more: `cargo xtask emulate` plays them with the rest.
             Self::Emulator => emulate::Arguments::of(&EVERY_TIME).run(),
         }
     }

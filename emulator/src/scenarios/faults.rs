@@ -1,13 +1,14 @@
 //! What must not happen when something goes wrong: a wrong step, or a wrong word about it.
 
+use super::hello::ENABLES;
 use super::{axis_settings, connect, rest};
 use crate::Machine;
 use crate::figures::Figures;
 use crate::talk::{Link, Talk};
 use anyhow::{Context, ensure};
-use parfocal_protocol::message::{Request, ResetCause, Stop, Trust};
+use parfocal_protocol::message::{Request, ResetCause, Stop, StopCause, Trust};
 use parfocal_protocol::settings::{AxisSettings, BoardSettings};
-use parfocal_protocol::units::{Axis, Nanometres, StepsPerMicrometre};
+use parfocal_protocol::units::{Axis, Milliseconds, Nanometres, StepsPerMicrometre};
 use std::path::Path;
 use std::time::Duration;
 
@@ -47,6 +48,8 @@ pub fn stop(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
         };
         talk.ask(&mut board, Request::Stop { how: Stop::Decelerate })?;
         let status = rest(&mut board, &mut talk, ms(10))?;
+        let on: Vec<bool> = ENABLES.iter().map(|pin| Ok(!board.level(*pin)?)).collect::<anyhow::Result<_>>()?;
+        ensure!(on == [true, false, false, false], "one axis moved, and the drivers' enables are {on:?}");
         let trace = board.world.axes[0].lock().expect("turns");
         let rises: Vec<u64> = trace.rises().collect();
         let cruise =
@@ -108,8 +111,59 @@ pub fn stall(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     Ok(format!("{said} stalls of 2 ms, no step lost; longest silence {:.2} ms", longest as f64 / 84_000.0))
 }
 
-/// A part of the program hangs and no longer checks in: the watchdog restarts the board in mid-move, no step comes after, and
-/// the next hello says why.
+/// A host that drives and then says nothing for longer than its timeout: decelerated stop, position kept, told at the next hello,
+/// over the same link or the other one. A host that keeps talking is not lost.
+///
+/// # Errors
+/// When it goes on, stops abruptly, or is not told.
+pub fn host_lost(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    let settings = BoardSettings { host_timeout: Milliseconds(200), ..BoardSettings::default() };
+    talk.ask(&mut board, Request::SetBoard { settings })?;
+    go(&mut board, &mut talk, 900)?;
+    // Kept alive for longer than the timeout.
+    for _ in 0..3 {
+        board.run_for(ms(100))?;
+        let status = talk.status(&mut board)?;
+        ensure!(status.stopped.is_none(), "a host that talks was taken for lost: {:?}", status.stopped);
+    }
+    let heard = board.now();
+    board.run_for(ms(600))?;
+    let (rises, told) = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        (trace.rises().collect::<Vec<u64>>(), trace.position())
+    };
+    let last = rises.last().copied().context("it never moved")?;
+    let silent = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        (last.saturating_sub(trace.tick(rigless::time::VirtualNanos(heard.as_nanos() as u64)))) as f64 / 84_000.0
+    };
+    let (ending, cruise) = (last - rises[rises.len() - 2], rises[1000] - rises[999]);
+    ensure!(silent > 200.0 && silent < 450.0, "its last step came {silent:.0} ms after the host was heard last");
+    ensure!(ending > 3 * cruise, "it stopped abruptly: the last interval was {ending} ticks, in cruise {cruise}");
+    for link in [Link::Serial, Link::Usb] {
+        let mut next = Talk::new(link, 0x3000 + link as u32);
+        let hello = next.hello(&mut board)?;
+        ensure!(hello.last_stop == Some(StopCause::HostLost), "over {link:?} it says {:?}", hello.last_stop);
+        let status = next.status(&mut board)?;
+        ensure!(
+            i64::from(status.axes[0].steps.0) == told,
+            "{told} steps came out, {:?} are told",
+            status.axes[0].steps
+        );
+        ensure!(status.axes[0].trust != Trust::Lost, "the position counts as lost");
+    }
+    board.stop()?.clean()?;
+    Ok(format!(
+        "last step {silent:.0} ms after the last request with a timeout of 200 ms, decelerated, counted and told"
+    ))
+}
+
+/// A branch to itself.
+const HANG: u16 = 0xe7fe;
+
+/// The program hangs in mid-move, in its highest interrupt, so that nothing else runs either: pulses end by themselves, the watchdog restarts the board, no step comes
+/// after, the next hello says why, the place is not trusted, and settings survive.
 ///
 /// # Errors
 /// When it does not.
@@ -120,38 +174,43 @@ pub fn watchdog(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     talk.ask(&mut board, Request::Save)?;
     board.run_for(ms(30))?;
     go(&mut board, &mut talk, 900)?;
-    board.run_for(ms(150))?;
-    // Wiping out what the parts have said is as good as their silence.
-    let checked_in = board.program.address("parfocal_firmware::board::watchdog::SEEN")?;
-    let begin = board.now();
-    let mut last = (edges(&board), board.now());
-    while board.now() < begin + ms(50) {
-        board.poke(checked_in, 0);
-        board.run_for(Duration::from_micros(100))?;
-        if edges(&board) != last.0 {
-            last = (edges(&board), board.now());
-        }
-    }
-    let bitten = last.1 - begin;
-    ensure!(bitten < ms(50), "after 50 ms it still moves");
     board.run_for(ms(60))?;
-    ensure!(edges(&board) == last.0, "{} edges came out after the restart", edges(&board) - last.0);
-    let hello = Talk::new(Link::Serial, 0x2222).hello(&mut board)?;
+    let (begin, interrupt) = (board.now(), board.program.address("SysTick")?);
+    let whole = board.replace(interrupt, HANG)?;
+    board.run_for(ms(4))?;
+    let (steps, last) = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        (trace.step.len(), trace.step.last().map_or(0, |e| e.tick))
+    };
+    let silent = {
+        let trace = board.world.axes[0].lock().expect("turns");
+        last.saturating_sub(trace.tick(rigless::time::VirtualNanos(begin.as_nanos() as u64))) as f64 / 84_000.0
+    };
+    ensure!(steps > 100 && silent < 2.6, "the last edge came {silent:.2} ms after the core hung");
+    while board.resets() == 0 {
+        ensure!(board.now() < begin + ms(50), "the watchdog has not bitten within 50 ms");
+        board.run_for(Duration::from_micros(500))?;
+    }
+    let bitten = board.now() - begin;
+    // The fault does not last: the next run of the interrupt is whole again.
+    board.replace(interrupt, whole)?;
+    board.run_for(ms(40))?;
+    ensure!(edges(&board) == steps, "{} edges came out after the core hung", edges(&board) - steps);
+    let mut talk = Talk::new(Link::Serial, 0x2222);
+    let hello = talk.hello(&mut board)?;
     ensure!(hello.reset == ResetCause::Watchdog, "the hello says that {:?} started it", hello.reset);
-    let mut talk = Talk::new(Link::Serial, 0x2223);
-    talk.hello(&mut board)?;
     let found = talk.ask(&mut board, Request::GetAxis { axis: Axis(2) })?;
     ensure!(
         matches!(found, parfocal_protocol::message::Response::Axis(s) if s == kept),
         "settings saved before did not survive: {found:?}"
     );
-    let status = talk.status(&mut board)?;
-    ensure!(status.axes.iter().all(|a| !a.moving && !a.enabled), "outputs are not inactive: {status:?}");
+    let trust = talk.status(&mut board)?.axes[0].trust;
+    ensure!(trust == Trust::Unknown, "after a reset in motion the position is worth {trust:?}");
     let report = board.stop()?;
     ensure!(report.resets == 1, "it was reset {} times", report.resets);
     report.clean()?;
     Ok(format!(
-        "last edge {:.0} ms after the silence began; restarted, told, settings kept",
+        "last edge {silent:.2} ms after the program hung in mid-move, reset after {:.1} ms; told, settings kept",
         bitten.as_secs_f64() * 1e3
     ))
 }

@@ -27,8 +27,43 @@ const Z: Axis = Axis(2);
 ///
 /// # Errors
 /// When it visits other places, or does not end in focus.
-pub fn over_usb(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
-    scan(elf, Link::Usb)
+pub fn over_usb(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
+    let (said, times) = scan(elf, Link::Usb)?;
+    ensure!(times.decision_us < DECISION_US, "a decision took {:.0} µs, {DECISION_US} are allowed", times.decision_us);
+    ensure!(
+        times.planned_us < PLANNED_US,
+        "deciding and planning took {:.0} µs, {PLANNED_US} are allowed",
+        times.planned_us
+    );
+    ensure!(times.answer_ms < ANSWER_MS, "an answer took {:.2} ms, {ANSWER_MS} are allowed", times.answer_ms);
+    figures.sample_decision_us = Some((times.decision_us * 10.0).round() / 10.0);
+    figures.sample_to_move_us = Some((times.planned_us * 10.0).round() / 10.0);
+    figures.sample_round_trip_ms = Some((times.answer_ms * 1000.0).round() / 1000.0);
+    Ok(said)
+}
+
+/// Longest time that the board may take to decide after a sample, µs.
+const DECISION_US: f64 = 200.0;
+
+/// Longest time until the next move is planned, too, and the answer queued, µs.
+const PLANNED_US: f64 = 1500.0;
+
+/// Longest time from a sample sent over USB to the answer, by when the next move is decided, ms.
+const ANSWER_MS: f64 = 2.0;
+
+/// Cycles that an instruction takes on silicon; the emulation counts one.
+const CYCLES_PER_INSTRUCTION: f64 = 1.5;
+
+/// How long the slowest sample took.
+struct Times {
+    /// The board's decision: from the sample in its hands to where the next one is wanted.
+    decision_us: f64,
+    /// After the last sample: from it to where the focus is.
+    judgement_us: f64,
+    /// The same until that move is planned and begun, and the answer in the queue.
+    planned_us: f64,
+    /// The whole way there and back.
+    answer_ms: f64,
 }
 
 /// The same over USART3.
@@ -36,10 +71,10 @@ pub fn over_usb(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
 /// # Errors
 /// As [`over_usb`].
 pub fn over_serial(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
-    scan(elf, Link::Serial)
+    scan(elf, Link::Serial).map(|(said, _)| said)
 }
 
-fn scan(elf: &Path, link: Link) -> anyhow::Result<String> {
+fn scan(elf: &Path, link: Link) -> anyhow::Result<(String, Times)> {
     let points = curve()?;
     let (mut board, mut talk) = connect(elf, link)?;
     // The virtual microscope's focus (simulator/src/model.rs), with the curve's extent for its limits.
@@ -69,6 +104,14 @@ fn scan(elf: &Path, link: Link) -> anyhow::Result<String> {
         sample_timeout: Milliseconds(2000),
         verify: false,
     };
+    let taken = board.program.address("parfocal_firmware::focusing::Focusing::sample")?;
+    let answers = board.program.address("parfocal_firmware::board::links::Bytes::send")?;
+    let moves = board
+        .program
+        .address("parfocal_firmware::motion::moves::<impl parfocal_firmware::motion::facade::Motion>::move_to")?;
+    board.watch_instruction(moves);
+    board.watch_instruction(taken);
+    board.watch_instruction(answers);
     let mut state = scan_state(talk.ask(&mut board, Request::AutofocusStart(parameters))?)?;
     let (mut visited, mut answered, mut slowest) = (Vec::new(), None, Duration::ZERO);
     let report = loop {
@@ -92,16 +135,44 @@ fn scan(elf: &Path, link: Link) -> anyhow::Result<String> {
             }
         }
     };
-    board.stop()?.clean()?;
+    let finished = board.stop()?;
+    finished.clean()?;
     ensure!(report.outcome == Outcome::Focused, "the scan ended with {:?}", report.outcome);
     let expected: Vec<i32> = serde_json::from_str(SCAN)?;
     ensure!(visited == expected, "the board visited {visited:?}, the simulator {expected:?} nm");
-    Ok(format!(
-        "{} samples, focus at {} µm, an answer took {:.2} ms at most",
+    let (mut decided, mut planned) = (Vec::new(), Vec::new());
+    for (i, begin) in finished.hits.iter().enumerate().filter(|(_, hit)| hit.address == taken) {
+        let next: Vec<_> = finished.hits[i + 1..].iter().take_while(|hit| hit.address != taken).collect();
+        let instructions =
+            |at: u64| next.iter().find(|hit| hit.address == at).map(|hit| hit.instructions - begin.instructions);
+        let answered = instructions(answers).context("a sample without an answer")?;
+        planned.push(answered);
+        // Without a move the answer says it all.
+        decided.push(instructions(moves).filter(|n| *n < answered).unwrap_or(answered));
+    }
+    ensure!(planned.len() >= visited.len(), "{} decisions were seen for {} samples", planned.len(), visited.len());
+    // The last one judges the whole curve, once a scan.
+    let judgement = decided.pop().unwrap_or(0);
+    let us = |counts: &[u64]| {
+        let most = counts.iter().copied().max().unwrap_or(0);
+        most as f64 * CYCLES_PER_INSTRUCTION / (crate::chip::CORE_HZ as f64 / 1e6)
+    };
+    let times = Times {
+        decision_us: us(&decided),
+        judgement_us: us(&[judgement]),
+        planned_us: us(&planned),
+        answer_ms: slowest.as_secs_f64() * 1e3,
+    };
+    let said = format!(
+        "{} samples, focus at {} µm; at most {:.0} µs for a decision ({:.0} µs for the last), {:.0} µs with the move planned, {:.2} ms for an answer",
         visited.len(),
         report.end.micrometres().0,
-        slowest.as_secs_f64() * 1e3
-    ))
+        times.decision_us,
+        times.judgement_us,
+        times.planned_us,
+        times.answer_ms
+    );
+    Ok((said, times))
 }
 
 fn scan_state(response: Response) -> anyhow::Result<ScanState> {

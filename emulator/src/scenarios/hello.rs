@@ -23,6 +23,9 @@ pub fn over_usb(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     over(elf, Link::Usb)
 }
 
+/// Driver enables, low is on (docs/wiring.md).
+pub const ENABLES: [(char, u8); 4] = [('F', 12), ('F', 13), ('F', 14), ('F', 15)];
+
 fn over(elf: &Path, link: Link) -> anyhow::Result<String> {
     let (mut board, mut talk) = connect(elf, link)?;
     let hello = talk.hello(&mut board)?;
@@ -33,6 +36,9 @@ fn over(elf: &Path, link: Link) -> anyhow::Result<String> {
     ensure!(status.in_position && status.axes.iter().all(|a| !a.moving), "it moves without being asked: {status:?}");
     let edges: usize = board.world.axes.iter().map(|a| a.lock().expect("turns").step.len()).sum();
     ensure!(edges == 0, "{edges} STEP edges came out without being asked");
+    for pin in ENABLES {
+        ensure!(board.level(pin)?, "P{}{} is low: a driver was switched on without being asked", pin.0, pin.1);
+    }
     board.stop()?.clean()?;
     Ok(format!("{} at revision {}, boot {:08x}", hello.board.as_str(), hello.git.as_str(), hello.boot))
 }

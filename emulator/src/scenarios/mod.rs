@@ -1,10 +1,15 @@
 //! What is tried on the emulated board, and what must come of it.
 
+mod beside;
+mod exactness;
 mod faults;
 mod focus;
 mod hello;
+mod leaving;
 mod motion;
 mod rates;
+mod rest;
+mod trigger;
 
 use crate::Machine;
 use crate::figures::Figures;
@@ -40,16 +45,39 @@ pub const ALL: &[Scenario] = &[
         play: motion::edges,
     },
     Scenario {
+        name: "exactness",
+        shows: "several axes, both edges, vibrations: within a tick of the exact formula",
+        play: exactness::play,
+    },
+    Scenario {
         name: "scan",
         shows: "a scan over USB visits the same places as in the simulator",
         play: focus::over_usb,
     },
     Scenario { name: "scan-serial", shows: "the same scan over USART3", play: focus::over_serial },
+    Scenario {
+        name: "telemetry",
+        shows: "positions are told as often as asked for, and cost no step",
+        play: motion::telemetry,
+    },
+    Scenario { name: "trigger", shows: "every camera pulse on the tick of its step", play: trigger::pulses },
     Scenario { name: "stop", shows: "a stop in mid-move is soon, decelerated and exact", play: faults::stop },
     Scenario { name: "stall", shows: "a core that is busy for 2 ms costs no step", play: faults::stall },
+    Scenario { name: "host-lost", shows: "a host that falls silent stops what it drove", play: faults::host_lost },
+    Scenario {
+        name: "dfu",
+        shows: "outputs inactive, then the chip's own bootloader, on request",
+        play: leaving::bootloader,
+    },
+    Scenario {
+        name: "power-cycle",
+        shows: "a resting place survives power-off, and is trusted as far as it can be",
+        play: rest::power_cycle,
+    },
     Scenario { name: "watchdog", shows: "a core that hangs is restarted; settings survive", play: faults::watchdog },
     Scenario { name: "emergency", shows: "the emergency stop is immediate and exact", play: faults::emergency },
-    Scenario { name: "rates", shows: "top step rates and what a step costs", play: rates::play },
+    Scenario { name: "cost", shows: "what a step costs, and the top rate of one axis", play: rates::cost },
+    Scenario { name: "rates", shows: "top step rates, both edges and several axes", play: rates::play },
 ];
 
 /// Switches a board on and connects to it.

@@ -1,7 +1,7 @@
 //! Moves: every edge on its planned tick, the profile exact, the distance as asked for, the position as told.
 
 use super::{axis_settings, connect, rest};
-use crate::exact::{Exact, FINE};
+use crate::exact::{Exact, FINE, fitted};
 use crate::figures::Figures;
 use crate::planned::Planned;
 use crate::talk::Link;
@@ -9,9 +9,9 @@ use crate::trace::Trace;
 use anyhow::{anyhow, ensure};
 use parfocal_firmware::motion::limits::in_ticks;
 use parfocal_firmware::motion::playback::Change;
-use parfocal_protocol::message::Request;
-use parfocal_protocol::settings::AxisSettings;
-use parfocal_protocol::units::{MicrometresPerSecond, MicrometresPerSecond3, Nanometres, StepsPerMicrometre};
+use parfocal_protocol::message::{Event, Request};
+use parfocal_protocol::settings::{AxisSettings, BoardSettings};
+use parfocal_protocol::units::{Hertz, MicrometresPerSecond, MicrometresPerSecond3, Nanometres, StepsPerMicrometre};
 use std::path::Path;
 use std::time::Duration;
 
@@ -75,8 +75,69 @@ pub fn edges(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     Ok(format!("{steps} steps: jitter {jitter} ticks, {profile:.2} ticks off the exact profile at most"))
 }
 
+/// Telemetry at two rates beside moves of three axes: as often as asked for, true, and no step missed for it.
+///
+/// # Errors
+/// When a position is told late, wrongly, or a step is missing.
+pub fn telemetry(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
+    let (mut board, mut talk) = connect(elf, Link::Usb)?;
+    let settings = settings();
+    for (axis, settings) in settings.iter().enumerate() {
+        axis_settings(&mut board, &mut talk, axis, *settings)?;
+    }
+    let mut said = Vec::new();
+    let mut target = 0;
+    for hz in [100.0f32, 500.0] {
+        let settings = BoardSettings { telemetry: Hertz(hz), ..BoardSettings::default() };
+        talk.ask(&mut board, Request::SetBoard { settings })?;
+        for axis in &board.world.axes {
+            axis.lock().expect("turns").clear_edges();
+        }
+        let from = target;
+        target = 300 - target;
+        talk.events.clear();
+        talk.ask(&mut board, Request::Move { to: [um(target), um(target), um(target), None], speed: None })?;
+        let status = rest(&mut board, &mut talk, Duration::from_millis(20))?;
+        let told: Vec<(u64, i32)> = talk
+            .events
+            .drain(..)
+            .filter_map(|event| match event {
+                Event::Position { time, steps } => Some((time.0, steps[0].0)),
+                _ => None,
+            })
+            .collect();
+        let (first, last) = (told.first().map_or(0, |t| t.0), told.last().map_or(0, |t| t.0));
+        let rate = (told.len().max(1) - 1) as f64 / ((last - first).max(1) as f64 / 1e6);
+        ensure!(told.len() > 20, "{} positions were told at {hz} Hz", told.len());
+        // In step with the rate: only the last look may be late.
+        let due = ((last - first) as f64 * f64::from(hz) / 1e6).floor() as usize;
+        ensure!(told.len() > due, "{} positions were told in {} µs at {hz} Hz", told.len(), last - first);
+        // Two looks apart at most beyond the period.
+        let longest = told.windows(2).map(|w| w[1].0 - w[0].0).max().unwrap_or(0);
+        ensure!(longest as f64 <= 1e6 / f64::from(hz) + 2_500.0, "{longest} µs lay between two positions at {hz} Hz");
+        for axis in 0..3 {
+            let trace = board.world.axes[axis].lock().expect("turns");
+            let wanted = steps_in(axis, target - from);
+            ensure!(
+                trace.rises().count() == wanted,
+                "axis {axis}: {} steps instead of {wanted}",
+                trace.rises().count()
+            );
+        }
+        ensure!(status.in_position && status.stopped.is_none(), "it was stopped: {:?}", status.stopped);
+        said.push(rate);
+    }
+    board.stop()?.clean()?;
+    Ok(format!("{:.1} and {:.1} positions a second beside a move of three axes, no step missed", said[0], said[1]))
+}
+
+/// Steps of a distance on one of these axes.
+fn steps_in(axis: usize, distance_um: i32) -> usize {
+    settings()[axis].steps_per_um.steps(Nanometres(distance_um.abs() * 1000)).0 as usize
+}
+
 /// Greatest difference between an axis' edges, STEP and DIR, and their plan, counted from the first STEP edge of each.
-fn compare(axis: usize, trace: &Trace, plan: &[Change]) -> anyhow::Result<u64> {
+pub(super) fn compare(axis: usize, trace: &Trace, plan: &[Change]) -> anyhow::Result<u64> {
     let first = plan.iter().find(|c| c.axis == axis && c.step).map_or(0, |c| c.tick) as i64;
     let began = trace.step.first().map_or(0, |e| e.tick) as i64;
     let mut worst = 0;
@@ -112,15 +173,6 @@ fn off_exact(trace: &Trace, settings: &AxisSettings, speed: Option<MicrometresPe
         .ceil();
     ensure!(cruise > 0.0, "the move is too short to cruise: choose another one to compare");
     let exact = Exact { length: rises.len() as u32, ticks: [jerk as u64, hold as u64, cruise as u64] };
-    let off: Vec<i64> =
-        rises.iter().zip(1..).map(|(tick, step)| (tick * FINE) as i64 - exact.edge(step) as i64).collect();
-    // The path began on a whole tick.
-    let (low, high) = (off.iter().min().copied().unwrap_or(0), off.iter().max().copied().unwrap_or(0));
-    let begin = (low + high) / 2 / FINE as i64;
-    let best = [begin - 1, begin, begin + 1]
-        .map(|b| (high - b * FINE as i64).abs().max((low - b * FINE as i64).abs()))
-        .into_iter()
-        .min()
-        .unwrap_or(0);
-    Ok(best as f64 / FINE as f64)
+    let off = rises.iter().zip(1..).map(|(tick, step)| (tick * FINE) as i64 - exact.edge(step) as i64);
+    Ok(fitted(off))
 }

@@ -40,7 +40,6 @@ pub mod climb;
 pub mod curve;
 mod fit;
 mod judge;
-pub mod latency;
 mod mixed;
 mod noise;
 mod parameters;

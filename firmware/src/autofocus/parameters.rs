@@ -1,12 +1,15 @@
 //! Which parameters make sense.
 
 use super::curve::{CELLS, STRIDE};
-use parfocal_protocol::autofocus::ScanParameters;
+use parfocal_protocol::autofocus::{Mode, ScanParameters};
 use parfocal_protocol::message::{Field, Refusal};
 use parfocal_protocol::units::Nanometres;
 
 /// Most sample steps in a range: places are counted in 16 bits.
 const STEPS: i64 = i16::MAX as i64 / STRIDE as i64 - 1;
+
+/// Most sample steps in the range of a sweep.
+const SWEPT: i64 = CELLS as i64 / STRIDE as i64 - 2;
 
 /// Most sample steps in a trap radius: the curve keeps both sides of the best, and some.
 const TRAP: i64 = CELLS as i64 / STRIDE as i64 / 2 - 16;
@@ -22,7 +25,9 @@ pub fn check(p: &ScanParameters, z0: Nanometres) -> Result<(), Refusal> {
     let range = high - low;
     within(Field::ScanRange, range, i64::from(STRIDE), i64::from(i32::MAX / 4))?;
     within(Field::ScanRange, i64::from(z0.0), low, high)?;
-    within(Field::SampleStep, step, (range / STEPS + 1).max(i64::from(STRIDE)), range)?;
+    // A sweep does not go back for what it forgot: it keeps its whole range.
+    let steps = if p.mode == Mode::Sweep { SWEPT } else { STEPS };
+    within(Field::SampleStep, step, (range / steps + 1).max(i64::from(STRIDE)), range)?;
     // A range shorter than the trap radius is simply scanned.
     within(
         Field::Trap,

@@ -7,6 +7,9 @@ use super::search::{Lengths, Next, Search};
 /// Frames at the start, to learn the noise.
 const SENSE: u32 = 8;
 
+/// The same before a sweep, which sees light that drifts only there.
+const SENSE_SWEEPING: u32 = 32;
+
 /// State of a scan of the whole range.
 #[derive(Clone, Debug)]
 pub struct Whole {
@@ -26,7 +29,8 @@ impl Search for Whole {
         if let Some(refine) = &mut self.refine {
             return refine.next(curve);
         }
-        if curve.frames() < if curve.noise().is_none() { 3 } else { SENSE } {
+        let sense = if self.lengths.sweeping { SENSE_SWEEPING } else { SENSE };
+        if curve.frames() < if curve.noise().is_none() { 3 } else { sense } {
             return Next::Sample(Place(0));
         }
         let nearer = if curve.limit(Side::High).0 < -curve.limit(Side::Low).0 { Side::High } else { Side::Low };

@@ -54,6 +54,7 @@ pub fn freeze_in_debug() {
         w.set_tim2(true);
         w.set_tim3(true);
         w.set_tim4(true);
+        w.set_tim5(true);
         w.set_iwdg(true);
     });
     pac::DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));

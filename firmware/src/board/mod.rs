@@ -3,6 +3,7 @@
 //! Facts cite RM0090 (reference manual), DS9405 (data sheet), ES0206 (errata) and UM1974 (the Nucleo board), all by ST.
 #![allow(unsafe_code, reason = "registers, interrupts and RAM shared with DMA; each use says why it is sound")]
 
+mod camera;
 pub mod clocks;
 mod fault;
 pub mod io;
@@ -75,6 +76,14 @@ impl Board for Nucleo {
 
     fn keep(&mut self, what: Keep) -> bool {
         self.can_save && store::keep(what)
+    }
+
+    fn has_trigger(&self, axis: usize) -> bool {
+        pulses::has_trigger(axis)
+    }
+
+    fn has_bootloader(&self) -> bool {
+        true
     }
 
     fn enter_bootloader(&mut self) {

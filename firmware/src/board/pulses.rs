@@ -81,6 +81,11 @@ pub fn force_inactive() {
     stop_all();
 }
 
+/// Whether steps of an axis can give camera pulses.
+pub fn has_trigger(axis: usize) -> bool {
+    super::camera::source(axis).is_some()
+}
+
 #[exception]
 fn SysTick() {
     critical_section::with(|cs| {

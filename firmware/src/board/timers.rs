@@ -17,14 +17,16 @@
 //! record fetched at update k plays from update k + 1. Words, not half-words: the bus bridge would put a half-word on both
 //! halves of TIM2's 32-bit ARR. FIFO with full threshold and memory bursts of four: one burst fetches exactly one record.
 
+use super::camera;
 use embassy_stm32::gpio::OutputType;
+use embassy_stm32::peripherals::TIM5;
 use embassy_stm32::timer::low_level::Timer;
 use embassy_stm32::timer::simple_pwm::PwmPin;
 use embassy_stm32::timer::{Ch1, Ch2, GeneralInstance4Channel, TimerPin, UpDma};
 use embassy_stm32::{Peri, pac};
 use pac::dma::vals::{Burst, Dir, Dmdis, Fth, Pl, Size};
 use pac::timer::TimGp16;
-use pac::timer::vals::Ocm;
+use pac::timer::vals::{Mms, Ocm};
 use parfocal_firmware::motion::{RING, Record, StepTimers};
 use parfocal_protocol::units::AXES;
 
@@ -75,6 +77,12 @@ impl StepHardware {
         // Dropping either would give the clock or the pin back.
         core::mem::forget(Timer::new(timer));
         core::mem::forget((PwmPin::new(step, OutputType::PushPull), PwmPin::new(dir, OutputType::PushPull), stream));
+    }
+
+    /// The camera's output and the timer that makes its pulses.
+    pub fn claim_camera(timer: Peri<'static, TIM5>, pin: Peri<'static, impl TimerPin<TIM5, Ch1>>) {
+        core::mem::forget(Timer::new(timer));
+        core::mem::forget(PwmPin::new(pin, OutputType::PushPull));
     }
 
     /// All axes are claimed.
@@ -137,6 +145,8 @@ impl StepHardware {
         timer.arr().write(|w| w.set_arr(FIRST - 1));
         timer.cnt().write(|w| w.set_cnt(0));
         timer.cr1().write(|w| w.set_arpe(true));
+        // Every update goes to the timer that counts records for the camera.
+        timer.cr2().write(|w| w.set_mms(Mms::UPDATE));
         timer.dier().write(|w| w.set_ude(true));
         // Takes the silence above into force, and asks the stream for record 0.
         timer.egr().write(|w| w.set_ug(true));
@@ -148,6 +158,7 @@ impl StepHardware {
 
     /// Starts all timers, a few ticks after one another, always alike.
     pub fn run(&mut self) {
+        camera::reset();
         for channel in &CHANNELS {
             channel.timer.cr1().modify(|w| w.set_cen(true));
         }
@@ -174,8 +185,31 @@ impl StepTimers for StepHardware {
         u32::from(dma.st(stream).ndtr().read().ndt())
     }
 
+    fn follow(&mut self, axis: usize, playing: u32, ticks: u32) -> bool {
+        let Some(Channel { timer, .. }) = CHANNELS.get(axis) else { return false };
+        // Neither just begun nor about to end: the record that plays is certain for the few instructions that follow.
+        let count = u32::from(timer.cnt().read().cnt());
+        count >= 400 && count + 400 < ticks && camera::follow(axis, playing)
+    }
+
+    fn arm(&mut self, record: u32) -> bool {
+        camera::arm(record)
+    }
+
+    fn fired(&mut self) -> bool {
+        camera::fired()
+    }
+
+    fn disarm(&mut self) {
+        camera::disarm();
+    }
+
     fn wake(&mut self, axis: usize) {
         CHANNELS[axis].timer.egr().write(|w| w.set_ug(true));
+    }
+
+    fn count(&mut self, axis: usize) -> Option<u32> {
+        Some(u32::from(CHANNELS[axis].timer.cnt().read().cnt()))
     }
 
     fn clock(&mut self) -> u32 {

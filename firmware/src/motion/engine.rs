@@ -1,13 +1,12 @@
 //! What the step interrupt does: tops up the rings, and wakes timers that ran dry.
 
+use super::camera::Camera;
 use super::lane::Phases;
 use super::phase::Phase;
 use super::record::{LONGEST, Pulse, RING, Record};
 use super::ring::WAKE;
 use super::swing::{AMPLITUDE, Quarter};
 use super::track::Track;
-use super::trigger::AHEAD;
-use heapless::Deque;
 use parfocal_protocol::units::{AXES, BoardTime};
 
 /// The step interrupt comes this often, ticks: 100 µs. At the top rate it lays 191 records, of a ring of 512.
@@ -42,10 +41,26 @@ pub trait StepTimers {
         None
     }
 
-    /// Gives a camera pulse `ticks` from now, at most two service intervals ahead.
-    fn trigger(&mut self, ticks: u32) {
-        let _ = ticks;
+    /// Counts the records of an axis for camera pulses from now on, `playing` being the one that plays, for `ticks` in all.
+    /// False when that is not certain now, or this axis' cannot be counted.
+    fn follow(&mut self, axis: usize, playing: u32, ticks: u32) -> bool {
+        let _ = (axis, playing, ticks);
+        false
     }
+
+    /// Lets the camera pulse begin with a record of the axis followed. False when it is too late for that.
+    fn arm(&mut self, record: u32) -> bool {
+        let _ = record;
+        false
+    }
+
+    /// Whether the pulse that was armed has begun.
+    fn fired(&mut self) -> bool {
+        false
+    }
+
+    /// Ends the pulse, or takes it back.
+    fn disarm(&mut self) {}
 
     /// A free-running counter at [`CLOCK_PER_TICK`] times the step timers' rate, e.g. the cycle counter. Wraps at 2³².
     fn clock(&mut self) -> u32;
@@ -91,8 +106,7 @@ pub struct Engine {
     /// The axis to be looked at next for records that DMA delivered too late.
     look: usize,
     late: Option<usize>,
-    /// Ticks of camera pulses to come.
-    triggers: Deque<u64, AHEAD>,
+    camera: Camera,
 }
 
 /// Ticks by which a timer may be off the clock: software reads one after the other. A record is longer.
@@ -122,7 +136,7 @@ impl Engine {
             skew: [None; AXES],
             look: 0,
             late: None,
-            triggers: Deque::new(),
+            camera: Camera::new(),
         }
     }
 
@@ -164,7 +178,7 @@ impl Engine {
             return;
         }
         self.compare(timers);
-        self.give_trigger(timers);
+        let watched = self.camera.watches().and_then(|axis| Some((axis, self.tracks.get(axis)?.ring.head())));
         // One horizon for all: should they run dry, then together.
         let mut horizon = self.now + self.lead;
         let mut full = self.now + LEAD;
@@ -180,6 +194,12 @@ impl Engine {
                 self.dry.get_or_insert(axis);
             }
         }
+        if let Some((axis, from)) = watched
+            && let Some(track) = self.tracks.get(axis)
+        {
+            self.camera.look(track, from);
+        }
+        self.camera.serve(&self.tracks, timers);
         self.lead = full.saturating_sub(self.now).clamp(u64::from(SERVICE), (self.lead + u64::from(SERVICE)).min(LEAD));
     }
 
@@ -199,7 +219,7 @@ impl Engine {
             return;
         }
         let now = self.now + u64::from(clock.wrapping_sub(self.clock) / CLOCK_PER_TICK);
-        let off = (track.played(None).1 + u64::from(count)).wrapping_sub(now) as i64;
+        let off = (track.reached() + u64::from(count)).wrapping_sub(now) as i64;
         if axis == 0 && self.skew[0].is_none() && off.abs() < i64::from(SERVICE) {
             // Timers were started, or woken, a little after the clock was read: from now on both agree.
             self.now = self.now.saturating_add_signed(off);
@@ -214,14 +234,6 @@ impl Engine {
                 self.late = Some(axis);
             }
         }
-    }
-
-    /// Prepares the next camera pulse when it is near. One that is late is given at once.
-    fn give_trigger(&mut self, timers: &mut impl StepTimers) {
-        let Some(at) = self.triggers.front().filter(|at| **at < self.now + u64::from(2 * SERVICE)) else { return };
-        let passed = u64::from(timers.clock().wrapping_sub(self.clock) / CLOCK_PER_TICK);
-        timers.trigger(at.saturating_sub(self.now + passed) as u32);
-        self.triggers.pop_front();
     }
 
     /// An axis on which DMA was too late for a record since this was last asked: its steps are not what was planned.
@@ -249,11 +261,16 @@ impl Engine {
         let stood = self.now.saturating_sub(first);
         let moving = self.tracks.iter().any(Track::under_way);
         let stop = moving && stood > GAP;
-        for track in &mut self.tracks {
+        if stop {
+            self.camera.forget(timers);
+        }
+        for (axis, track) in self.tracks.iter_mut().enumerate() {
             if stop {
                 track.abandon();
             }
+            let head = track.ring.head();
             track.reopen(first);
+            self.camera.moved(axis, track.ring.head().wrapping_sub(head), timers);
             track.fill(first + self.lead, &self.quarter);
             track.close();
         }
@@ -279,6 +296,7 @@ impl Engine {
     /// of steps is exact, and nothing of its path is left. [`Self::start`] begins anew.
     pub fn halted(&mut self, axis: usize, left: u32, count: u32) {
         self.running = false;
+        self.camera.halted();
         let Some(track) = self.tracks.get_mut(axis) else { return };
         track.halt(left, count);
     }
@@ -310,7 +328,8 @@ impl Engine {
 
     /// Steps at the output, as the interrupt last saw it.
     pub fn steps(&self, axis: usize) -> i32 {
-        self.tracks.get(axis).map_or(0, |t| t.played(None).0)
+        // With the last edge out, nothing has to be counted back.
+        self.tracks.get(axis).map_or(0, |t| if t.out() { t.issued } else { t.played(None) })
     }
 
     /// Steps that will be out when the records laid are played.
@@ -321,7 +340,7 @@ impl Engine {
     /// Declares the count of an axis at rest.
     pub fn set_steps(&mut self, axis: usize, steps: i32) {
         if let Some(track) = self.tracks.get_mut(axis) {
-            track.issued = steps;
+            track.set_steps(steps);
         }
     }
 
@@ -359,7 +378,6 @@ impl Engine {
             // What was cut leaves room for seven phases and more.
             all &= self.tracks[axis].cut(tick, *steps) && self.tracks[axis].append(phases);
         }
-        self.drop_triggers(tick);
         all
     }
 
@@ -368,17 +386,12 @@ impl Engine {
         &mut self.quarter
     }
 
-    /// Adds a camera pulse for a tick of an axis, behind those known. False when there is no room.
-    pub fn add_trigger(&mut self, axis: usize, tick: u64) -> bool {
-        let skew = self.skew.get(axis).copied().flatten().unwrap_or(0);
-        self.triggers.push_back(tick.saturating_add_signed(-skew)).is_ok()
+    pub(super) fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
     }
 
-    /// Drops camera pulses from a tick on.
-    pub fn drop_triggers(&mut self, tick: u64) {
-        while self.triggers.back().is_some_and(|at| *at >= tick) {
-            self.triggers.pop_back();
-        }
+    pub(super) fn camera_and_tracks(&mut self) -> (&mut Camera, &[Track; AXES]) {
+        (&mut self.camera, &self.tracks)
     }
 
     /// The longest time that pulses stood still in a motion since this was last asked.

@@ -114,6 +114,8 @@ pub struct Motion {
     pub(super) stopped: Option<StopCause>,
     pub(super) held: bool,
     pub(super) triggers: Triggers,
+    /// The axis whose records the camera's output counts.
+    pub(super) counted: Option<usize>,
     pub(super) emergency: bool,
     pub(super) emergency_input: Debounce,
     pub(super) emergency_wired: bool,
@@ -152,6 +154,7 @@ impl Motion {
             stopped: None,
             held: false,
             triggers: Triggers::new(),
+            counted: None,
             emergency: false,
             emergency_input: Debounce::default(),
             emergency_wired: false,

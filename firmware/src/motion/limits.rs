@@ -99,14 +99,10 @@ fn within(value: f64, low: f64, high: f64, field: Field) -> Result<(), Refusal> 
 /// Checks every field of an axis' settings.
 ///
 /// # Errors
-/// [`Refusal::NotANumber`], or [`Refusal::OutOfRange`] with the first field that is out of its range, which may depend on the
-/// fields before it: the range of speeds follows from the scale and the driver.
+/// [`Refusal::OutOfRange`] with the first field that is out of its range, or no number, which may depend on the fields before
+/// it: the range of speeds follows from the scale and the driver.
 pub fn check(settings: &AxisSettings) -> Result<(), Refusal> {
     let s = settings;
-    let floats = [s.steps_per_um.0, s.speed.0, s.acceleration.0, s.jerk.0, s.home_speed.0];
-    if !floats.iter().all(|f| f.is_finite()) {
-        return Err(Refusal::NotANumber);
-    }
     let scale = f64::from(s.steps_per_um.0);
     within(scale, 0.001, 10_000.0, Field::StepsPerUm)?;
     within(f64::from(s.microsteps), 1.0, 256.0, Field::Microsteps)?;

@@ -5,13 +5,16 @@
 //! Nothing here knows the hardware: see [`crate::ports::Board`] and [`engine::StepTimers`].
 
 mod backlash;
+mod camera;
 mod edges;
 pub mod engine;
 mod facade;
+mod fixed;
 mod homing;
 mod jog;
 pub mod lane;
 pub mod limits;
+mod marks;
 pub mod math;
 mod moves;
 pub mod path;
@@ -20,6 +23,7 @@ pub mod playback;
 mod poll;
 pub mod record;
 mod ring;
+mod run;
 mod stops;
 pub mod stretch;
 mod swing;

@@ -18,10 +18,20 @@ use parfocal_protocol::units::{
 /// Between the records laid and the first path from rest, ticks: DIR's setup fits in.
 const BEGINNING: u64 = 2_000;
 
+/// Longest time on a line, ticks: four months, well within what a path's arithmetic spans.
+const LONGEST_LINE: f64 = 9e14;
+
 /// A straight line for several axes at once.
 struct Straight {
     path: Path,
     limits: Limits,
+}
+
+impl Straight {
+    /// From rest to rest over all of it.
+    fn within(limits: Limits) -> Option<Self> {
+        Some(Self { path: Path::rest_to_rest(1.0, limits)?, limits })
+    }
 }
 
 impl Motion {
@@ -31,6 +41,8 @@ impl Motion {
     /// [`Refusal::BeyondLimit`], [`Refusal::OutOfRange`] for a speed that is too slow or more than the axes allow along this
     /// line, [`Refusal::AtHardLimit`], [`Refusal::QueueFull`], [`Refusal::Emergency`], [`Refusal::Busy`] while something
     /// other than moves goes on.
+    // A function of its own in the program, too: the emulator counts what leads to it.
+    #[inline(never)]
     pub fn move_to(
         &mut self,
         now: BoardTime,
@@ -66,18 +78,23 @@ impl Motion {
                 return Err(Refusal::AtHardLimit { axis: Axis(index as u8), side });
             }
         }
-        self.straight(&from, &goal, speed)?;
+        let limits = self.line_limits(&from, &goal, speed)?;
         let id = self.next_id();
         let wish = Wish { id, to: *to, speed, ending };
         let _ = self.queue.push_back(wish);
         if !waits {
-            self.next_move(board);
+            self.begin_next(board, limits.map(|limits| (from, goal, limits)));
         }
         Ok(id)
     }
 
     /// Begins the first move that waits.
     pub(super) fn next_move(&mut self, board: &mut impl Board) {
+        self.begin_next(board, None);
+    }
+
+    /// The same, with the limits of a leg that are known already.
+    fn begin_next(&mut self, board: &mut impl Board, known: Option<([i32; AXES], Leg, Limits)>) {
         let Some(wish) = self.queue.pop_front() else { return };
         self.track_play(board);
         let mut take_up: Leg = [None; AXES];
@@ -110,19 +127,25 @@ impl Motion {
         let first = legs.pop().unwrap_or_default();
         let then = legs.iter().copied().collect();
         self.task = Task::Line { wish, now: first, then };
-        self.begin_leg(board);
+        self.start_leg(board, known);
     }
 
     /// Starts the axes of the leg that is due.
     pub(super) fn begin_leg(&mut self, board: &mut impl Board) {
+        self.start_leg(board, None);
+    }
+
+    fn start_leg(&mut self, board: &mut impl Board, known: Option<([i32; AXES], Leg, Limits)>) {
         self.quiet = None;
         let Task::Line { wish, now: leg, .. } = &self.task else { return };
         let (leg, speed) = (*leg, wish.speed);
         self.track_play(board);
         let from: [i32; AXES] = core::array::from_fn(|i| self.known(i).seen);
         // Refused when asked for; a plan that fails here begins nothing and so ends at once.
-        let fastest = self.straight(&from, &leg, None);
-        let Ok(straight) = self.straight(&from, &leg, speed).or(fastest) else { return };
+        let known = known.filter(|k| k.0 == from && k.1 == leg).and_then(|k| Straight::within(k.2));
+        let straight = known.map_or_else(|| self.straight(&from, &leg, speed), Ok);
+        let straight = straight.or_else(|_| self.straight(&from, &leg, None));
+        let Ok(straight) = straight else { return };
         for (index, from) in from.into_iter().enumerate() {
             let Some(to) = leg[index].filter(|to| *to != from) else { continue };
             let distance = f64::from(to.wrapping_sub(from));
@@ -180,6 +203,20 @@ impl Motion {
 
     /// A line between motor counts. Distance 1 is all of it.
     fn straight(&self, from: &[i32; AXES], to: &Leg, speed: Option<MicrometresPerSecond>) -> Result<Straight, Refusal> {
+        let Some(limits) = self.line_limits(from, to, speed)? else {
+            return Ok(Straight { path: Path::default(), limits: Limits { v: 1.0, a: 1.0, j: 1.0 } });
+        };
+        Straight::within(limits).ok_or(Refusal::OutOfRange { field: Field::Jerk, low: 0.0, high: 0.0 })
+    }
+
+    /// The limits of a line between motor counts, in units of all of it; `None` when nothing is to be done. A line that these
+    /// limits allow has a path: ramps are as short as [`limits::check`] wants them, and the cruise is bounded here.
+    fn line_limits(
+        &self,
+        from: &[i32; AXES],
+        to: &Leg,
+        speed: Option<MicrometresPerSecond>,
+    ) -> Result<Option<Limits>, Refusal> {
         let steps: [f64; AXES] =
             core::array::from_fn(|i| to[i].map_or(0.0, |to| (f64::from(to) - f64::from(from[i])).abs()));
         let mut square = 0.0;
@@ -195,7 +232,7 @@ impl Motion {
         if length == 0.0 {
             return match asked {
                 Some(s) if s <= 0.0 => Err(Refusal::OutOfRange { field: Field::Speed, low: 0.0, high: f32::MAX }),
-                _ => Ok(Straight { path: Path::default(), limits: Limits { v: 1.0, a: 1.0, j: 1.0 } }),
+                _ => Ok(None),
             };
         }
         let mut limits = Limits { v: f64::MAX, a: f64::MAX, j: f64::MAX };
@@ -219,8 +256,11 @@ impl Motion {
             }
             limits.v = limits.v.min(v);
         }
-        let refusal = Refusal::OutOfRange { field: Field::Jerk, low: 0.0, high: 0.0 };
-        Ok(Straight { path: Path::rest_to_rest(1.0, limits).ok_or(refusal)?, limits })
+        if limits.v * LONGEST_LINE < 1.0 {
+            let (low, high) = ((length * TICKS / LONGEST_LINE) as f32, (limits.v * length * TICKS) as f32);
+            return Err(Refusal::OutOfRange { field: Field::Speed, low, high: high.max(low) });
+        }
+        Ok(Some(limits))
     }
 
     pub(super) fn scale(&self, axis: usize) -> StepsPerMicrometre {

@@ -1,5 +1,6 @@
 //! A stretch of one axis' motion over which its steps follow one cubic in time, or come evenly.
 
+use super::fixed::{divide, fixed, mul_high, power, single, unfixed};
 use super::swing::Quarter;
 
 /// A stretch in one direction. Distances are steps along that direction, times are ticks from `begin`.
@@ -69,23 +70,6 @@ pub struct Slope {
     j: f32,
 }
 
-/// (a · b) / 2⁶⁴, rounded down.
-#[inline(always)]
-fn mul_high(a: i64, b: u64) -> i64 {
-    let (a0, a1) = (a as u32 as u64, a >> 32);
-    let (b0, b1) = (b as u32 as u64, b >> 32);
-    let low = (a0 * b0) >> 32;
-    let cross = a0 * b1 + low;
-    let middle = a1 * b0 as i64 + (cross & 0xffff_ffff) as i64;
-    a1 * b1 as i64 + (cross >> 32) as i64 + (middle >> 32)
-}
-
-/// 2^n for |n| ≤ 126.
-#[inline(always)]
-fn power(n: i32) -> f32 {
-    f32::from_bits(((127 + n) as u32) << 23)
-}
-
 impl Cubic {
     /// y · 2⁶⁴ at a time of ticks · 2³².
     #[inline(always)]
@@ -106,7 +90,9 @@ impl Cubic {
         let [f1, f2, f3] = self.f;
         let y = ((y >> 32) as u32) as f32 * power(-32);
         let v = f1 + y * (2.0 * f2 + 3.0 * f3 * y);
-        Slope { m: 1.0 / v.max(1e-30), a: 2.0 * f2 + 6.0 * f3 * y, j: 6.0 * f3 }
+        // At rest a step takes for ever.
+        let v = if v > 1e-30 { v } else { 1e-30 };
+        Slope { m: 1.0 / v, a: 2.0 * f2 + 6.0 * f3 * y, j: 6.0 * f3 }
     }
 
     /// Distance of the edge `index` of `steps`.
@@ -126,13 +112,14 @@ impl Cubic {
         for _ in 0..24 {
             let y = self.y(time);
             let slope = self.slope(y);
-            let off = (target - self.distance(y)) as f32 * slope.m;
+            let off = single(target - self.distance(y)) * slope.m;
             let ticks = off * scale * power(-32);
-            let change = (off * scale) as i64;
+            let change = fixed(ticks);
             time = time.saturating_add_signed(if self.reversed { -change } else { change }).min(end);
-            // What Newton leaves of an error d is d² · s''/2s' at most about.
-            let left = ticks * ticks * (slope.a * slope.m) / scale;
-            if left > -0.02 && left < 0.02 && ticks > -4096.0 && ticks < 4096.0 {
+            // What Newton leaves of an error d is d² · (s″ + d · s‴) / 2s′ at most about.
+            let d = ticks * power(-(self.shift as i32));
+            let left = d * ticks * slope.m * (slope.a.abs() + (slope.j * d).abs());
+            if left.abs() < 0.02 && ticks.abs() < 4096.0 {
                 break;
             }
         }
@@ -144,7 +131,7 @@ impl Cubic {
 /// Largest exponent of a span's length.
 const LONGEST_SPAN: u32 = 8;
 
-/// Up to 2⁸ edges whose times are one cubic in their index, by forward differences. Times are ticks · 2³² from `begin`.
+/// Edges, most often up to 2⁸, whose times are one cubic in their index, by forward differences. Times are ticks · 2³² from `begin`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Span {
     /// Edges left.
@@ -264,8 +251,7 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
     // Speed changes by about α + β relative to itself in n steps; the fourth derivative of time by step, times n⁴ / 384, is the
     // largest error of a cubic through both ends with the slopes there (Hermite): 1/8 tick, 1/16 where a speed is falling.
     let (a1, b1) = ((here.a * here.m * here.m).abs(), (here.j * here.m * here.m * here.m).abs());
-    // The edge after the span must exist: it is solved for.
-    let mut q = LONGEST_SPAN.min(31 - (left - 1).leading_zeros());
+    let mut q = LONGEST_SPAN;
     while q > 0 {
         let n = (1u32 << q) as f32;
         let b = b1 * n * n;
@@ -276,7 +262,8 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
         }
         q -= 1;
     }
-    let n = 1u32 << q;
+    // The edge after the span must exist: it is solved for.
+    let n = (1u32 << q).min(left - 1);
     let start = stamp(place);
     let steps_on = n as f32;
     let s = sign * steps_on;
@@ -284,25 +271,20 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
     let b = here.j * s * s * here.m * here.m * here.m;
     let dy = s * here.m * (1.0 - a * 0.5 + (3.0 * a * a - b) * (1.0 / 6.0));
     let ahead = (dy * scale * sign).max(0.0);
-    let guess = place.time.saturating_add((ahead * power(32)) as u64);
+    let guess = place.time.saturating_add(fixed(ahead) as u64);
     let (time, there) = cubic.solve(place.index.wrapping_add(n), steps, guess);
     let time = time.max(place.time);
-    let mean = (time - place.time) >> q;
-    let span = if q == 0 {
+    let mean = divide(time - place.time, n);
+    let span = if n == 1 {
         Span { left: 1, time: start, by: [mean as i64, 0, 0], up }
     } else {
-        let mean_ticks = mean as f32 * power(-32);
+        let mean_ticks = unfixed(mean);
         let (e0, e1) = (per_step - mean_ticks, there.m * scale - mean_ticks);
-        let c = fixed(-(2.0 * e0 + e1) / steps_on);
-        let d = fixed((e0 + e1) / (steps_on * steps_on));
+        let part = 1.0 / steps_on;
+        let c = fixed(-(2.0 * e0 + e1) * part);
+        let d = fixed((e0 + e1) * part * part);
         Span { left: n, time: start, by: [mean as i64 + fixed(e0) + c + d, 2 * c + 6 * d, 6 * d], up }
     };
     *place = Place { index: place.index.wrapping_add(n), time, begin: place.begin, slope: Some(there) };
     span
-}
-
-/// Ticks as ticks · 2³².
-#[inline(always)]
-fn fixed(ticks: f32) -> i64 {
-    (ticks * power(32)) as i64
 }

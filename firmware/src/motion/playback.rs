@@ -23,6 +23,8 @@ pub struct Change {
 pub struct Playback {
     axes: [Timer; AXES],
     tick: u64,
+    /// The axis whose records are counted for camera pulses.
+    follows: usize,
     /// Ticks of camera pulses given.
     pulses: Deque<u64, 64>,
     /// Most ticks between a request and the record's arrival.
@@ -44,6 +46,13 @@ struct Timer {
     due: Option<u32>,
     /// Draws the latencies.
     random: u32,
+    /// Updates so far: record `n` begins with the one that makes `n + 1` of them.
+    updates: u32,
+    /// The record that a camera pulse waits for.
+    armed: Option<u32>,
+    /// Whether it began, and when, until that is taken note of.
+    fired: bool,
+    pulse: Option<u64>,
 }
 
 impl Playback {
@@ -62,9 +71,13 @@ impl Playback {
                 wake: false,
                 due: None,
                 random: 1 + axis as u32,
+                updates: 0,
+                armed: None,
+                fired: false,
+                pulse: None,
             }
         });
-        Self { axes, tick: 0, pulses: Deque::new(), latency: 0 }
+        Self { axes, tick: 0, follows: 0, pulses: Deque::new(), latency: 0 }
     }
 
     /// From now on every record arrives up to so many ticks after it was asked for, drawn evenly. A request that
@@ -85,6 +98,12 @@ impl Playback {
         for (axis, timer) in self.axes.iter_mut().enumerate() {
             let told = |tick, step, high| changed(Change { tick, axis, step, high });
             timer.play(engine.ring(axis), latency, start, end, told);
+            if let Some(tick) = timer.pulse.take() {
+                if self.pulses.is_full() {
+                    self.pulses.pop_front();
+                }
+                let _ = self.pulses.push_back(tick);
+            }
         }
         self.tick = end;
     }
@@ -111,7 +130,7 @@ impl Timer {
     ) {
         loop {
             if core::mem::take(&mut self.wake) {
-                self.update(latency);
+                self.update(latency, now);
             }
             if self.due == Some(0) {
                 self.serve(ring);
@@ -144,14 +163,20 @@ impl Timer {
             if !stands {
                 self.count += step as u32;
                 if self.count == period {
-                    self.update(latency);
+                    self.update(latency, now);
                 }
             }
         }
     }
 
     /// The next record plays, and another is asked for.
-    fn update(&mut self, latency: u32) {
+    fn update(&mut self, latency: u32, now: u64) {
+        self.updates = self.updates.wrapping_add(1);
+        if self.armed.is_some_and(|record| record.wrapping_add(1) == self.updates) {
+            self.armed = None;
+            self.fired = true;
+            self.pulse = Some(now);
+        }
         self.count = 0;
         self.active = self.preload;
         // Numerical Recipes' quick generator: any spread will do.
@@ -183,11 +208,28 @@ impl StepTimers for Playback {
         self.axes.get(axis).map(|t| t.count)
     }
 
-    fn trigger(&mut self, ticks: u32) {
-        if self.pulses.is_full() {
-            self.pulses.pop_front();
+    fn follow(&mut self, axis: usize, _: u32, _: u32) -> bool {
+        self.follows = axis;
+        axis < AXES
+    }
+
+    fn arm(&mut self, record: u32) -> bool {
+        let Some(timer) = self.axes.get_mut(self.follows) else { return false };
+        if (record.wrapping_add(1).wrapping_sub(timer.updates) as i32) < 2 {
+            return false;
         }
-        let _ = self.pulses.push_back(self.tick + u64::from(ticks));
+        (timer.armed, timer.fired) = (Some(record), false);
+        true
+    }
+
+    fn fired(&mut self) -> bool {
+        self.axes.get(self.follows).is_some_and(|t| t.fired)
+    }
+
+    fn disarm(&mut self) {
+        if let Some(timer) = self.axes.get_mut(self.follows) {
+            (timer.armed, timer.fired) = (None, false);
+        }
     }
 
     fn clock(&mut self) -> u32 {

@@ -13,7 +13,7 @@ impl Motion {
     pub fn poll(&mut self, now: BoardTime, board: &mut impl Board) -> Option<MotionEvent> {
         self.watch_inputs(now, board);
         self.watch_pulses(now, board);
-        self.watch_triggers(now, board);
+        self.watch_triggers(board);
         self.go_on(now, board);
         self.events.pop_front()
     }

@@ -77,7 +77,6 @@ impl Motion {
         let phases = core::array::from_fn(|i| plans[i].as_ref().map(|(lane, before)| (*before, lane.phases())));
         let done = board.pulses(|engine| engine.splice(tick, &phases));
         if done {
-            self.triggers.cut(tick);
             for (known, plan) in self.axes.iter_mut().zip(plans) {
                 if let Some((lane, _)) = plan {
                     if known.lane.is_none() {
@@ -112,8 +111,9 @@ impl Motion {
         }
         (self.quiet, self.stopping) = (None, None);
         self.queue.clear();
-        self.triggers.cut(0);
-        board.pulses(|engine| engine.drop_triggers(0));
+        // A plan of camera pulses ends with what it belonged to.
+        self.tell_pulses(board);
+        self.end_triggers(board);
         if !matches!(core::mem::take(&mut self.task), Task::Rest) {
             self.stopped = Some(cause);
             self.tell(MotionEvent::Stopped { motion: self.running, cause });

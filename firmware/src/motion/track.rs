@@ -1,7 +1,8 @@
 //! One axis: its phases become edges, its edges become records.
 
 use super::edges::Edges;
-use super::phase::{Phase, Span};
+use super::marks::{Mark, Marks};
+use super::phase::Phase;
 use super::record::{LONGEST, Pulse, Record, SHORTEST};
 use super::ring::Ring;
 use super::swing::Quarter;
@@ -20,12 +21,13 @@ pub struct Track {
     pub issued: i32,
     /// Count of the last record that holds an edge.
     last_edge: u32,
-    pulse: Pulse,
-    edges: Edges,
+    marks: Marks,
+    pub(super) pulse: Pulse,
+    pub(super) edges: Edges,
     /// Whether STEP changes as the next record begins.
     open: bool,
     high: bool,
-    dir: u32,
+    pub(super) dir: u32,
     dir_up: bool,
 }
 
@@ -38,6 +40,7 @@ impl Track {
             end: 0,
             issued: 0,
             last_edge: 0,
+            marks: Marks::new(),
             pulse: Pulse { high: 420, setup: 420, both: false, inverted: false },
             edges: Edges::new(),
             open: false,
@@ -53,6 +56,7 @@ impl Track {
         self.open = false;
         self.ring.clear(self.high);
         self.end = tick;
+        self.marks.restart(self.here());
         for _ in 0..ticks / LONGEST {
             self.piece(LONGEST);
         }
@@ -72,6 +76,12 @@ impl Track {
         (self.high, self.dir)
     }
 
+    /// Declares the count of steps; for an axis at rest.
+    pub fn set_steps(&mut self, steps: i32) {
+        self.issued = steps;
+        self.marks.restart(self.here());
+    }
+
     /// Whether there is nothing left to lay.
     pub fn exhausted(&self) -> bool {
         self.edges.exhausted() && !self.open
@@ -82,43 +92,61 @@ impl Track {
         (self.ring.playing().wrapping_sub(self.last_edge) as i32) > 0
     }
 
-    /// Steps behind the outputs, and the tick reached, as DMA was last seen; `count` is the timer's, 0 for the start of the
-    /// record that plays, in which every edge then counts as out.
-    pub fn played(&self, count: Option<u32>) -> (i32, u64) {
-        let (playing, head) = (self.ring.playing(), self.ring.head());
-        let blocked = self.ring.blocked();
-        let from = if blocked { playing } else { playing.wrapping_add(1) };
-        let (mut steps, mut tick) = (self.issued, self.end);
-        let waiting = head.wrapping_sub(from) as i32;
-        for i in 0..waiting.max(0) as u32 {
-            let at = from.wrapping_add(i);
-            let record = self.ring.get(at);
-            let was_high =
-                if i == 0 && blocked { self.high_at_gate(at) } else { self.ring.get(at.wrapping_sub(1)).ends_high() };
-            steps = steps.wrapping_sub(self.steps_of(&record, was_high));
-            tick -= u64::from(record.ticks());
+    /// The nearest place behind a record at which the count is known, and how many records lie between.
+    #[inline(always)]
+    fn known_from(&self, record: u32) -> (Mark, u32) {
+        let here = self.here();
+        if (here.record.wrapping_sub(record) as i32) <= 0 {
+            return (here, 0);
         }
-        if !blocked && waiting >= 0 {
-            let record = self.ring.get(playing);
-            tick -= u64::from(record.ticks());
-            if let Some(count) = count {
-                tick += u64::from(count);
-                if self.pulse.both && record.starts_high() && !record.ends_high() && count < record.ccr1 {
-                    steps = steps.wrapping_sub(self.sign(&record));
-                }
+        let mark = self.marks.from(record, here);
+        (mark, mark.record.wrapping_sub(record))
+    }
+
+    /// The first record of which nothing is played, and whether the one before plays.
+    fn unplayed(&self) -> (u32, bool) {
+        let (playing, blocked) = (self.ring.playing(), self.ring.blocked());
+        let next = if blocked { playing } else { playing.wrapping_add(1) };
+        (next, !blocked && (self.ring.head().wrapping_sub(next) as i32) >= 0)
+    }
+
+    /// Tick at which the record that plays began, as DMA was last seen; at the guard, where what was laid before it is played.
+    pub fn reached(&self) -> u64 {
+        let (next, plays) = self.unplayed();
+        let (mark, between) = self.known_from(next);
+        let mut tick = self.end.wrapping_sub(u64::from((self.end as u32).wrapping_sub(mark.tick)));
+        let from = if plays { next.wrapping_sub(1) } else { next };
+        for i in 0..between + u32::from(plays) {
+            tick -= u64::from(self.ring.get(from.wrapping_add(i)).ticks());
+        }
+        tick
+    }
+
+    /// Steps behind the outputs, as DMA was last seen; `count` is the timer's, without which every edge of the record that plays
+    /// counts as out.
+    pub fn played(&self, count: Option<u32>) -> i32 {
+        let (next, plays) = self.unplayed();
+        let (mark, between) = self.known_from(next);
+        let mut steps = mark.steps;
+        let mut was_high =
+            if self.ring.blocked() { self.high_at_gate(next) } else { self.ring.get(next.wrapping_sub(1)).ends_high() };
+        for i in 0..between {
+            let record = self.ring.get(next.wrapping_add(i));
+            steps = steps.wrapping_sub(self.steps_of(&record, was_high));
+            was_high = record.ends_high();
+        }
+        if let Some(count) = count.filter(|_| plays && self.pulse.both) {
+            let record = self.ring.get(next.wrapping_sub(1));
+            if record.starts_high() && !record.ends_high() && count < record.ccr1 {
+                steps = steps.wrapping_sub(self.sign(&record));
             }
         }
-        (steps, tick)
+        steps
     }
 
     /// Whether the record that plays is a long one.
     pub fn plays_long(&self) -> bool {
         !self.ring.blocked() && self.ring.get(self.ring.playing()).ticks() >= 1_000
-    }
-
-    /// Tick at which the guard begins: what was laid before it is played.
-    pub fn reached(&self) -> u64 {
-        self.played(None).1
     }
 
     /// The timer stands at the guard: puts silence before what waits, as long as this axis is ahead of `first`.
@@ -129,11 +157,12 @@ impl Track {
         let wait = self.reached().saturating_sub(first) as u32;
         // Too short a wait for a record joins a longer one: every axis gets the same on top.
         self.ring.reopen(wait + LONGEST, shown.starts_high(), shown.ccr2);
+        self.marks.restart(self.here());
     }
 
     /// The timer stands at the guard: what waits behind it is not played any more.
     pub fn abandon(&mut self) {
-        let (steps, tick) = self.played(None);
+        let (steps, tick) = (self.played(None), self.reached());
         let shown = self.ring.shown(self.ring.playing());
         self.edges.clear();
         self.ring.drop_waiting();
@@ -141,6 +170,7 @@ impl Track {
         (self.high, self.dir) = (shown.starts_high(), shown.ccr2);
         self.dir_up = (self.dir != 0) != self.pulse.inverted;
         self.last_edge = self.ring.playing().wrapping_sub(1);
+        self.marks.restart(self.here());
     }
 
     /// Puts the guard behind what is laid, for a timer that stands or a stream that is not running.
@@ -151,7 +181,8 @@ impl Track {
     /// Timer and stream stopped: counts what was played, and forgets the rest.
     pub fn halt(&mut self, left: u32, count: u32) {
         self.ring.seen(left);
-        let (steps, tick) = self.played(Some(count));
+        let (_, plays) = self.unplayed();
+        let (steps, tick) = (self.played(Some(count)), self.reached() + if plays { u64::from(count) } else { 0 });
         let record = self.ring.shown(self.ring.playing());
         // In both-edge stepping a change of level is a step: the level stays.
         self.high = self.pulse.both && count < record.ccr1;
@@ -163,6 +194,7 @@ impl Track {
         self.edges.clear();
         self.ring.clear(self.high);
         self.last_edge = 8u32.wrapping_neg();
+        self.marks.restart(self.here());
     }
 
     /// STEP's level while the timer stands at the guard.
@@ -174,7 +206,8 @@ impl Track {
         if (record.ccr2 != 0) != self.pulse.inverted { 1 } else { -1 }
     }
 
-    fn steps_of(&self, record: &Record, was_high: bool) -> i32 {
+    /// Steps that a record makes, signed.
+    pub fn steps_of(&self, record: &Record, was_high: bool) -> i32 {
         let rise = record.starts_high();
         let edges = if self.pulse.both {
             i32::from(rise != was_high) + i32::from(rise && !record.ends_high())
@@ -219,13 +252,18 @@ impl Track {
     /// Lays records until they reach `horizon` or there is no room.
     pub fn fill(&mut self, horizon: u64, table: &Quarter) {
         let mut room = self.ring.room();
+        if self.exhausted() {
+            // At rest, as most axes are most of the time: silence, without looking for edges.
+            while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
+                self.ring.push(Record::hold(LONGEST, self.high, self.dir));
+                self.end += u64::from(LONGEST);
+                room -= 1;
+            }
+        }
         while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
-            if self.open && self.edges.in_span() && self.edges.span.up == self.dir_up && self.ring.past_guard() {
-                let ran = if self.pulse.both {
-                    if self.high { 0 } else { self.run_both(horizon, room) }
-                } else {
-                    self.run_rising(horizon, room)
-                };
+            let low = !(self.pulse.both && self.high);
+            if self.open && low && self.edges.in_span(table) && self.edges.span.up == self.dir_up {
+                let ran = self.run(horizon, room);
                 if ran > 0 {
                     room -= ran;
                     continue;
@@ -233,82 +271,20 @@ impl Track {
             }
             room -= self.lay_next(table).min(room);
         }
+        self.mark();
     }
 
-    /// How many records of `steps` steps each a run can have; 0 when its first ones are not short pulses. In a span the
-    /// intervals change by an eighth at most: what holds of the first holds of all.
-    fn run_length(&self, horizon: u64, room: u32, steps: u32) -> u32 {
-        let Span { left, time, by: [d1, ..], .. } = self.edges.span;
-        let first = ((time >> 32) as u32).wrapping_sub(self.end as u32);
-        let next = (d1 >> 32) as u32;
-        let short = SHORTEST / steps - 2..LONGEST * 3 / 4 / steps;
-        if !short.contains(&first) || !short.contains(&next) {
-            return 0;
-        }
-        let ticks = horizon.saturating_sub(self.end).min(1 << 24) as u32;
-        (left / steps).min(room).min(ticks / (next * steps) + 1)
+    fn here(&self) -> Mark {
+        Mark { record: self.ring.head(), steps: self.issued, tick: self.end as u32 }
     }
 
-    /// Single-edge pulses of one span, while they are short.
-    fn run_rising(&mut self, horizon: u64, room: u32) -> u32 {
-        let most = self.run_length(horizon, room, 1);
-        let (high, dir) = (self.pulse.high, self.dir);
-        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.edges.span;
-        let mut open = self.end as u32;
-        let run = self.ring.run(most);
-        let n = run.len() as u32;
-        for record in run {
-            let next = (time >> 32) as u32;
-            record.set_pulse(next.wrapping_sub(open), high, dir);
-            open = next;
-            time = time.wrapping_add_signed(d1);
-            d1 = d1.wrapping_add(d2);
-            d2 = d2.wrapping_add(d3);
-        }
-        self.ran(n, n, [d1, d2], time, open);
-        n
-    }
-
-    /// Pulses of two steps each of one span, while they are short.
-    fn run_both(&mut self, horizon: u64, room: u32) -> u32 {
-        let most = self.run_length(horizon, room, 2);
-        let dir = self.dir;
-        let Span { mut time, by: [mut d1, mut d2, d3], .. } = self.edges.span;
-        let mut open = self.end as u32;
-        let run = self.ring.run(most);
-        let n = run.len() as u32;
-        for record in run {
-            let fall = (time >> 32) as u32;
-            time = time.wrapping_add_signed(d1);
-            d1 = d1.wrapping_add(d2);
-            d2 = d2.wrapping_add(d3);
-            let next = (time >> 32) as u32;
-            time = time.wrapping_add_signed(d1);
-            d1 = d1.wrapping_add(d2);
-            d2 = d2.wrapping_add(d3);
-            record.set_pulse(next.wrapping_sub(open), fall.wrapping_sub(open), dir);
-            open = next;
-        }
-        self.ran(n, 2 * n, [d1, d2], time, open);
-        n
-    }
-
-    /// Books a run of `n` records with `steps` steps.
-    #[inline(always)]
-    fn ran(&mut self, n: u32, steps: u32, [d1, d2]: [i64; 2], time: u64, open: u32) {
-        let span = &mut self.edges.span;
-        span.left -= steps;
-        span.time = time;
-        span.by = [d1, d2, span.by[2]];
-        self.end += u64::from(open.wrapping_sub(self.end as u32));
-        self.ring.ran(n);
-        if n > 0 {
-            self.count(steps as i32);
-        }
+    /// Remembers what was laid up to here.
+    pub(super) fn mark(&mut self) {
+        self.marks.note(self.here());
     }
 
     /// Counts steps laid, the latest in the last record.
-    fn count(&mut self, steps: i32) {
+    pub(super) fn count(&mut self, steps: i32) {
         self.issued = self.issued.wrapping_add(if self.dir_up { steps } else { -steps });
         self.last_edge = self.ring.head().wrapping_sub(1);
     }

@@ -1,16 +1,10 @@
-//! Camera pulses at positions: the planned path tells their ticks ahead, hardware gives them.
+//! Camera pulses at positions: which steps give them, and what is told of those given.
 
+use super::camera::{Taken, Wanted};
 use super::facade::{Motion, MotionEvent};
 use crate::ports::Board;
-use heapless::Deque;
 use parfocal_protocol::message::{Field, Refusal, TriggerPlan};
-use parfocal_protocol::units::{BoardTime, Nanometres};
-
-/// Pulses handed to the engine ahead of time.
-pub const AHEAD: usize = 8;
-
-/// Nearest tick for which a pulse can still be prepared: it must not lie behind the engine's next look. 0.3 ms.
-const SOONEST: u64 = 25_200;
+use parfocal_protocol::units::Nanometres;
 
 /// Most pulses of a plan.
 const MOST: u16 = 60_000;
@@ -21,13 +15,13 @@ pub(super) struct Triggers {
     plan: TriggerPlan,
     /// The next pulse to hand over.
     next: u16,
-    /// Pulses handed over and not told yet: index and tick.
-    due: Deque<(u16, u64), AHEAD>,
+    /// Which way the axis went when the last one was handed over.
+    up: bool,
 }
 
 impl Triggers {
     pub const fn new() -> Self {
-        Self { plan: TriggerPlan::Off, next: 0, due: Deque::new() }
+        Self { plan: TriggerPlan::Off, next: 0, up: true }
     }
 
     fn axis(&self) -> Option<usize> {
@@ -49,21 +43,14 @@ impl Triggers {
             }
         }
     }
-
-    /// Paths changed from `tick` on: pulses behind it are planned anew.
-    pub fn cut(&mut self, tick: u64) {
-        while let Some((index, _)) = self.due.back().filter(|(_, at)| *at >= tick) {
-            self.next = *index;
-            self.due.pop_back();
-        }
-    }
 }
 
 impl Motion {
     /// Sets the positions at which camera pulses are given while an axis passes them, in their order; replaces the plan before.
     ///
     /// # Errors
-    /// [`Refusal::NoSuchAxis`], [`Refusal::OutOfRange`] for a distance of 0, no pulse at all or too many.
+    /// [`Refusal::NoSuchAxis`], [`Refusal::NoTrigger`], [`Refusal::OutOfRange`] for a distance of 0, no pulse at all or too many;
+    /// [`Refusal::Busy`] when another axis gave pulses before and anything moves.
     pub fn trigger(&mut self, board: &mut impl Board, plan: &TriggerPlan) -> Result<(), Refusal> {
         let refuse = |low: f32, high: f32| Err(Refusal::OutOfRange { field: Field::Trigger, low, high });
         match *plan {
@@ -84,39 +71,68 @@ impl Motion {
                 }
             }
         }
+        let axis = Triggers { plan: *plan, ..Triggers::new() }.axis();
+        if let Some(index) = axis
+            && !board.has_trigger(index)
+        {
+            return Err(Refusal::NoTrigger { axis: parfocal_protocol::units::Axis(index as u8) });
+        }
+        // The hardware begins to count an axis' records while it rests.
+        if axis.is_some() && axis != self.counted && !self.resting() {
+            return Err(Refusal::Busy);
+        }
+        self.tell_pulses(board);
         self.triggers = Triggers { plan: *plan, ..Triggers::new() };
-        board.pulses(|engine| engine.drop_triggers(0));
+        self.counted = axis;
+        board.pulses(|engine| engine.watch_for_camera(axis));
         Ok(())
     }
 
-    /// Hands the next pulses to the engine, and tells of those given.
-    pub(super) fn watch_triggers(&mut self, now: BoardTime, board: &mut impl Board) {
-        let Some(axis) = self.triggers.axis() else { return };
-        let tick = board.pulses(|engine| engine.tick(now));
-        while let Some((index, at)) = self.triggers.due.front().copied().filter(|(_, at)| *at <= tick) {
-            self.triggers.due.pop_front();
+    /// No pulses any more.
+    pub(super) fn end_triggers(&mut self, board: &mut impl Board) {
+        self.triggers = Triggers::new();
+        self.counted = None;
+        board.pulses(|engine| engine.watch_for_camera(None));
+    }
+
+    /// Tells of the pulses given.
+    pub(super) fn tell_pulses(&mut self, board: &mut impl Board) {
+        while let Some((index, at)) = board.pulses(|engine| engine.pulse_given()) {
             let time = board.pulses(|engine| engine.time(at));
             if let Some(position) = self.triggers.position(index) {
                 self.tell(MotionEvent::Triggered { index, time, position });
             }
         }
-        while !self.triggers.due.is_full() {
-            let Some(position) = self.triggers.position(self.triggers.next) else { return };
+    }
+
+    /// Hands the next pulses to the engine, and tells of those given.
+    pub(super) fn watch_triggers(&mut self, board: &mut impl Board) {
+        let Some(axis) = self.triggers.axis() else { return };
+        self.tell_pulses(board);
+        while let Some(position) = self.triggers.position(self.triggers.next) {
             let known = self.known(axis);
             let Some(lane) = &known.lane else { return };
+            let up = lane.up;
             let stage = known.settings.steps_per_um.steps(position).0;
             // The stage is there when the motor is, with the play on the side it pushes from.
-            let motor = stage.saturating_add(if lane.up { known.play.width } else { 0 });
-            let Some(at) = lane.tick_of(motor) else { return };
-            let after = self.triggers.due.back().map_or(0, |(_, at)| *at);
-            if at >= (tick + SOONEST).max(after) {
-                if !board.pulses(|engine| engine.add_trigger(axis, at)) {
-                    return;
-                }
-                let _ = self.triggers.due.push_back((self.triggers.next, at));
+            let count = stage.saturating_add(if up { known.play.width } else { 0 });
+            if lane.tick_of(count).is_none() {
+                return;
             }
-            // A position passed too soon to be prepared has no pulse, and no event tells of one.
-            self.triggers.next += 1;
+            if up != self.triggers.up {
+                // Those handed over for the other way are not passed now.
+                self.triggers.up = up;
+                if let Some(first) = board.pulses(|engine| engine.unwant_pulses()) {
+                    self.triggers.next = first;
+                    continue;
+                }
+            }
+            let index = self.triggers.next;
+            match board.pulses(|engine| engine.want_pulse(Wanted { index, count, up })) {
+                Taken::Full => return,
+                // A step passed too soon to be prepared has no pulse, and no event tells of one.
+                Taken::Yes | Taken::Late => self.triggers.next += 1,
+            }
         }
     }
 }

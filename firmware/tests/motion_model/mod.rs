@@ -65,11 +65,22 @@ pub struct Mock {
     pub on: bool,
     /// Changes of earlier playbacks are kept; this is where the present one began, ticks.
     pub began: u64,
+    /// Whether it has a bootloader, and whether that was entered.
+    pub bootloader: bool,
+    pub entered: bool,
 }
 
 impl Mock {
     pub fn new() -> Self {
-        Self { bench: Bench::new(), inputs: Inputs::default(), enabled: [false; AXES], on: true, began: 0 }
+        Self {
+            bench: Bench::new(),
+            inputs: Inputs::default(),
+            enabled: [false; AXES],
+            on: true,
+            began: 0,
+            bootloader: false,
+            entered: false,
+        }
     }
 
     pub fn now(&self) -> BoardTime {
@@ -135,5 +146,11 @@ impl Board for Mock {
         true
     }
 
-    fn enter_bootloader(&mut self) {}
+    fn has_bootloader(&self) -> bool {
+        self.bootloader
+    }
+
+    fn enter_bootloader(&mut self) {
+        self.entered = true;
+    }
 }

@@ -120,11 +120,12 @@ impl Chain {
         let zoom = contents.zoom_in_use.unwrap_or(1.0);
         let missing = || ChainError::Objective { objective: name.clone(), zoom: zoom.to_string() };
         let objective = contents.objectives.get(name).ok_or_else(missing)?;
-        let (alpha, kappa) = match objective.zooms.iter().find(|z| z.zoom == zoom) {
+        let (alpha, mut kappa) = match objective.zooms.iter().find(|z| z.zoom == zoom) {
             Some(entry) => (entry.alpha, Vector3::from(entry.kappa_um)),
             None if objective.default && zoom == 1.0 => (1.0, Vector3::zeros()),
             None => return Err(missing()),
         };
+        kappa.z += contents.objective_height_um;
         let camera = contents.camera.as_ref().ok_or(ChainError::NoCamera)?;
         let [[a, b], [c, d]] = camera.calibration.as_ref().ok_or(ChainError::NoCamera)?.matrix_um_per_px;
         let sensor = Sensor { width_px: camera.width_px, height_px: camera.height_px };
@@ -189,6 +190,27 @@ impl Arm {
         let direction =
             manipulator.pipette.as_ref().map(|p| direction(p.descent_deg.to_radians(), p.azimuth_deg.to_radians()));
         Ok(Self::new(ref_from_man, Vector3::from(offset).into(), direction))
+    }
+
+    /// A manipulator as its marker shows it: coarse registration, pipette, and the tip's standard deviation, µm. `None` without one.
+    pub fn coarse_of(rig: &Rig, number: ManipulatorNumber) -> Option<(Self, f64)> {
+        let manipulator = rig.contents().manipulators.get(&number)?;
+        let coarse = manipulator.coarse.as_ref()?;
+        let ref_from_man = Transform::from_rows(&coarse.matrix)?;
+        let pipette = manipulator.pipette.as_ref();
+        let direction = pipette.map(|p| direction(p.descent_deg.to_radians(), p.azimuth_deg.to_radians()));
+        Some((Self { ref_from_man, direction }, coarse.error_um))
+    }
+
+    /// The pipette's direction of advance in ref, if known: a unit vector.
+    pub fn direction(&self) -> Option<Displacement<Ref>> {
+        self.direction
+    }
+
+    /// The arm with its tip elsewhere in ref.
+    #[must_use]
+    pub fn shifted(&self, by: Displacement<Ref>) -> Self {
+        Self::new(self.ref_from_man, by, self.direction)
     }
 
     /// T_man_ref with the tip's offset.

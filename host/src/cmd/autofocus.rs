@@ -1,20 +1,20 @@
 //! `parfocal autofocus`: brings an axis into focus and says how.
 
+use super::camera::{CameraAddress, Recorded, Region, sharpest_of, simulated_region};
 use super::connection::{Bench, Connection, Purpose};
 use super::{Output, interrupt, simulated};
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::autofocus::source::{CameraSource, CurveSource, FocusSource, StackSource};
-use parfocal::autofocus::{Progress, Sample, Scanned, plot, run};
+use parfocal::autofocus::source::FocusSource;
+use parfocal::autofocus::{CameraSource, Plan, Progress, Sample, Scanned, Span, focus, plot};
 use parfocal::focus::Measure;
-use parfocal::frames::curve::Curve;
-use parfocal::frames::stack::Stack;
+use parfocal::frames::address::CAREFUL_LATENCY;
+use parfocal::frames::camera::Camera;
 use parfocal::link::explain::scan_refusal;
-use parfocal::picture::Roi;
 use parfocal::rig::AxisName;
-use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters, Strategy, Subject};
-use parfocal_protocol::units::{Micrometres, MicrometresPerSecond, Milliseconds, Nanometres};
+use parfocal_protocol::autofocus::{Mode, Outcome, Strategy, Subject};
+use parfocal_protocol::units::{Micrometres, MicrometresPerSecond, Nanometres};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -25,21 +25,23 @@ pub struct Arguments {
     /// The axis that moves: the lens, or a manipulator's z
     #[arg(long, default_value = "scope.z", value_name = "AXIS")]
     axis: AxisName,
-    /// Where frames come from: sim, stack:DIR or curve:FILE.csv[?noise=REL&seed=N]
+    /// Where frames come from: sim[?fps=N&exposure_ms=N&delay_ms=LO..HI&stamps=exposure|arrival], stack:DIR,
+    /// curve:FILE.csv[?noise=REL&seed=N]; of a real rig exec:COMMAND, y4m:FILE or folder:DIR
     #[arg(long, value_name = "SOURCE")]
     camera: Option<CameraAddress>,
     /// Where to begin, µm on the axis [default: where it is; a stack's or curve's middle]
     #[arg(long, value_name = "UM", allow_hyphen_values = true)]
     start: Option<f64>,
-    /// How far to look, µm relative to the start, clipped to the soft limits [default: those limits]
+    /// How far to look, µm relative to the start, clipped to the soft limits [default: those limits, at most 500 µm away]
     #[arg(long, value_name = "LO..HI", allow_hyphen_values = true)]
     range: Option<Range>,
     /// The focus measure: `parfocal focus compare` helps to choose
     #[arg(long, default_value = "tenengrad")]
     measure: Measure,
-    /// The region whose focus matters, px [default: the stack's, else the whole frame]
-    #[arg(long, value_name = "X,Y,W,H")]
-    roi: Option<Roi>,
+    /// The region whose focus matters, px; auto: the sharpest texture where the scan begins; all: the whole frame
+    /// [default: the stack's own, else auto]
+    #[arg(long, value_name = "X,Y,W,H|auto|all")]
+    roi: Option<Region>,
     /// How the peak is looked for
     #[arg(long, value_enum, default_value = "climb")]
     strategy: StrategyName,
@@ -58,8 +60,8 @@ pub struct Arguments {
     /// First step to find the uphill direction, µm
     #[arg(long, value_name = "UM", default_value_t = 5.0)]
     probe_um: f64,
-    /// Speed between samples, or of the sweep [default: the axis' own]
-    #[arg(long, value_name = "UM_PER_S")]
+    /// Speed between samples, or of the sweep [default: the axis' own; of a sweep, five frames to a trap radius]
+    #[arg(long, value_name = "UM_PER_S", allow_hyphen_values = true)]
     speed_um_s: Option<f32>,
     /// Take a last frame at the result and compare it with the best seen
     #[arg(long)]
@@ -70,27 +72,6 @@ pub struct Arguments {
     /// Draw the focus curve as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-}
-
-/// Where frames come from.
-#[derive(Clone, Debug)]
-enum CameraAddress {
-    Simulated,
-    Stack(PathBuf),
-    Curve(String),
-}
-
-impl FromStr for CameraAddress {
-    type Err = String;
-
-    fn from_str(s: &str) -> Result<Self, String> {
-        match s.split_once(':') {
-            None if s == "sim" => Ok(Self::Simulated),
-            Some(("stack", path)) if !path.is_empty() => Ok(Self::Stack(path.into())),
-            Some(("curve", address)) if !address.is_empty() => Ok(Self::Curve(address.into())),
-            _ => Err("write sim, stack:DIR or curve:FILE.csv".into()),
-        }
-    }
 }
 
 /// A span of positions relative to the start, µm.
@@ -148,14 +129,6 @@ struct SampleRow {
     phi: f64,
 }
 
-/// A recorded source and the heights it covers.
-struct Recorded {
-    source: Box<dyn FocusSource>,
-    low: Micrometres,
-    high: Micrometres,
-    step_um: Option<f64>,
-}
-
 impl Arguments {
     /// Runs the command.
     ///
@@ -163,10 +136,10 @@ impl Arguments {
     /// What stopped it before the board could decide, or that the board refused.
     pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         interrupt::watch();
-        let recorded = self.recorded()?;
+        let recorded = Recorded::open(self.camera.as_ref(), self.roi, self.measure, self.start.map(Micrometres))?;
         let model = self.model(recorded.as_ref(), connection.seed);
         let bench = connection.open(Purpose::Control, model)?;
-        let (scanned, parameters) = self.focus(bench, recorded)?;
+        let scanned = self.focus(connection, bench, recorded)?;
         if let Some(path) = &self.csv {
             std::fs::write(path, plot::csv(&scanned.samples))
                 .with_context(|| format!("{}: cannot be written", path.display()))?;
@@ -174,79 +147,35 @@ impl Arguments {
         if let Some(path) = &self.plot {
             plot::svg(path, &scanned, &self.measure.to_string())?;
         }
-        self.tell(out, &scanned, &parameters)
-    }
-
-    fn recorded(&self) -> anyhow::Result<Option<Recorded>> {
-        Ok(match &self.camera {
-            None | Some(CameraAddress::Simulated) => None,
-            Some(CameraAddress::Stack(path)) => {
-                let stack = Stack::open(path)?;
-                if let Some(note) = stack.note {
-                    eprintln!("{}: {note}", path.display());
-                }
-                let (low, high) = stack.extent();
-                let (roi, step_um) = (self.roi.or(stack.roi()), Some(stack.about.z_step_um));
-                let source = StackSource::new(stack, roi, self.measure).with_context(|| path.display().to_string())?;
-                Some(Recorded { source: Box::new(source), low, high, step_um })
-            }
-            Some(CameraAddress::Curve(address)) => {
-                let curve = Curve::open(address)?;
-                let (low, high) = curve.extent();
-                Some(Recorded { source: Box::new(CurveSource(curve)), low, high, step_um: None })
-            }
-        })
+        self.tell(out, &scanned)
     }
 
     /// The simulated rig for this scan: around a recorded stack the axis has the stack's extent.
     fn model(&self, recorded: Option<&Recorded>, seed: u64) -> simulated::Model {
         let mut model = simulated::Model { seed, ..simulated::Model::default() };
+        if let Some(CameraAddress::Simulated(timing)) = self.camera {
+            model.timing = Some(timing);
+        }
         if let Some(recorded) = recorded {
-            model.limits.push((self.axis, recorded.low, recorded.high));
-            let middle = Micrometres((recorded.low.0 + recorded.high.0) / 2.0);
-            model.positions.push((self.axis, self.start.map_or(middle, Micrometres)));
+            model.limits.push((self.axis, recorded.extent.low, recorded.extent.high));
+            model.positions.push((self.axis, self.start.map_or(recorded.middle(), Micrometres)));
         }
         model
     }
 
-    fn focus(&self, mut bench: Bench, recorded: Option<Recorded>) -> anyhow::Result<(Scanned, ScanParameters)> {
-        let settings = bench.stage.settings(self.axis)?;
-        let (mut low, mut high) = (settings.low.micrometres().0, settings.high.micrometres().0);
-        let mut middle = None;
-        if let Some(recorded) = &recorded {
-            (low, high) = (low.max(recorded.low.0), high.min(recorded.high.0));
-            middle = Some((recorded.low.0 + recorded.high.0) / 2.0);
-        }
-        if low >= high {
-            bail!("the source covers no part of {}'s travel of {low} to {high} µm", self.axis);
-        }
-        if let Some(start) = self.start.or(middle) {
-            // Half a nanometre: what the link rounds away.
-            if start < low - 5e-4 || start > high + 5e-4 {
-                bail!("--start {start} lies outside {low} to {high} µm, where {} can go and pictures exist", self.axis);
-            }
-            let there = bench.stage.position(self.axis)?;
-            if (there.0 - start).abs() > 5e-4 {
-                bench.stage.move_to(&[(self.axis, Micrometres(start))], None, &interrupt::keep_on)?;
-            }
-        }
-        let start = bench.stage.position(self.axis)?.0;
-        if let Some(range) = self.range {
-            (low, high) = (low.max(start + range.low), high.min(start + range.high));
-        }
-        let step =
-            self.sample_step_um.unwrap_or_else(|| recorded.as_ref().and_then(|r| r.step_um).unwrap_or(0.5).min(0.5));
+    fn focus(&self, connection: &Connection, mut bench: Bench, recorded: Option<Recorded>) -> anyhow::Result<Scanned> {
+        let plan = self.plan(recorded.as_ref());
         let mut source: Box<dyn FocusSource> = match (recorded, &bench.simulated) {
             (Some(recorded), _) => recorded.source,
-            (None, Some(simulated)) => {
-                let roi = self.roi.or_else(|| simulated.tip_region());
-                Box::new(CameraSource { camera: simulated.camera(), roi, measure: self.measure })
+            (None, Some(_)) if matches!(self.camera, Some(CameraAddress::Live(_))) => {
+                bail!("a real camera does not see the simulated rig: name the board with --port or --rig")
             }
-            (None, None) => bail!("a real board needs a --camera: stack:DIR or curve:FILE.csv"),
+            (None, Some(rig)) => {
+                let roi = simulated_region(rig, self.roi)?;
+                Box::new(CameraSource::new(rig.camera(), roi, self.measure, connection.latency()?))
+            }
+            (None, None) => Box::new(self.live(connection, &mut bench)?),
         };
-        let parameters = self.parameters(low, high, step)?;
-        let (link, axis) = bench.stage.find(self.axis)?;
-        let parameters = ScanParameters { axis, ..parameters };
         let bar = bar();
         let mut show = |progress: Progress| match progress {
             Progress::Sample(Sample { z, phi }) => {
@@ -254,20 +183,40 @@ impl Arguments {
                 bar.inc(1);
             }
             Progress::Fault(fault) => bar.set_message(format!("no value: {fault:?}")),
+            Progress::Pacing { frames, doubt_us } => bar.set_message(format!(
+                "learning the camera's pace: exposures known to {:.2} ms after {frames} frames",
+                doubt_us / 1000.0
+            )),
         };
-        let scanned = run(link, &parameters, source.as_mut(), &mut show, &interrupt::keep_on)?;
+        let scanned = focus(&mut bench.stage, source.as_mut(), &plan, &mut show, &interrupt::keep_on);
         bar.finish_and_clear();
         bench.stage.close();
-        Ok((scanned, parameters))
+        Ok(scanned?)
     }
 
-    fn parameters(&self, low: f64, high: f64, step: f64) -> anyhow::Result<ScanParameters> {
-        let nm = |name: &str, um: f64| -> anyhow::Result<Nanometres> {
-            Micrometres(um).nanometres().with_context(|| format!("{name} {um} µm is no length a stage can have"))
+    /// A real camera's values. A stop for every frame makes do with a careful guess of how late frames come; a sweep needs
+    /// the calibrated latency.
+    fn live(&self, connection: &Connection, bench: &mut Bench) -> anyhow::Result<CameraSource<Box<dyn Camera>>> {
+        let Some(CameraAddress::Live(address)) = &self.camera else {
+            bail!("a real board needs a --camera: docs/cameras.md has examples")
         };
-        Ok(ScanParameters {
-            scan: ScanId((super::connection::fresh_session() & 0xffff) as u16),
-            axis: parfocal_protocol::units::Axis(0),
+        let latency = matches!(self.mode, ModeName::Step).then_some(CAREFUL_LATENCY);
+        let mut camera = address.open(latency)?.with_context(|| format!("{address} is no camera of a real rig"))?;
+        let roi = match self.roi {
+            Some(Region::Drawn(roi)) => Some(roi),
+            Some(Region::All) => None,
+            None | Some(Region::Sharpest) => sharpest_of(camera.as_mut(), bench.stage.now())?,
+        };
+        Ok(CameraSource::new(camera, roi, self.measure, connection.latency()?))
+    }
+
+    fn plan(&self, recorded: Option<&Recorded>) -> Plan {
+        let middle = recorded.map(Recorded::middle);
+        let of_stack = recorded.and_then(|r| r.step).map(|step| Micrometres(step.0.min(0.5)));
+        Plan {
+            start: self.start.map(Micrometres).or(middle),
+            range: self.range.map(|r| Span { low: Micrometres(r.low), high: Micrometres(r.high) }),
+            extent: recorded.map(|r| r.extent),
             strategy: match self.strategy {
                 StrategyName::Climb => Strategy::Climb,
                 StrategyName::Mixed => Strategy::Mixed,
@@ -278,18 +227,16 @@ impl Arguments {
                 ModeName::Sweep => Mode::Sweep,
             },
             subject: if self.phase_object { Subject::PhaseObject } else { Subject::Peak },
-            low: nm("the range's low end", low)?,
-            high: nm("the range's high end", high)?,
-            sample_step: nm("--sample-step-um", step)?,
-            trap: nm("--trap-um", self.trap_um)?,
-            probe: nm("--probe-um", self.probe_um)?,
-            speed: MicrometresPerSecond(self.speed_um_s.unwrap_or(0.0)),
-            sample_timeout: Milliseconds(2000),
+            sample_step: self.sample_step_um.map(Micrometres).or(of_stack),
+            trap: Micrometres(self.trap_um),
+            probe: Micrometres(self.probe_um),
+            speed: self.speed_um_s.map(MicrometresPerSecond),
             verify: self.verify,
-        })
+            ..Plan::new(self.axis)
+        }
     }
 
-    fn tell(&self, out: Output, scanned: &Scanned, _parameters: &ScanParameters) -> anyhow::Result<()> {
+    fn tell(&self, out: Output, scanned: &Scanned) -> anyhow::Result<()> {
         let report = &scanned.report;
         let reason = match report.outcome {
             Outcome::Focused => None,

@@ -2,6 +2,8 @@
 
 mod all;
 mod camera;
+mod into_view;
+mod latency;
 mod moves;
 mod objective;
 mod pipette;
@@ -39,8 +41,12 @@ enum Action {
     Objective(objective::Objective),
     /// A pipette's direction: descent and azimuth
     Pipette(pipette::Pipette),
+    /// How late the camera's frames come, for sweeps with one that does not tell when it exposes
+    Latency(Box<latency::Latency>),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
+    /// A tip into the microscope's picture, by its marker
+    IntoView(into_view::IntoView),
     /// The objective's height after a turn of the coarse focus knob
     ObjectiveHeight(coarse::height::Arguments),
 }
@@ -54,7 +60,9 @@ pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow
         Action::Registration(registration) => registration.run(connection, out),
         Action::Objective(objective) => objective.run(connection, out),
         Action::Pipette(pipette) => pipette.run(connection, out),
+        Action::Latency(latency) => latency.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
 }
@@ -145,7 +153,7 @@ impl Solving {
 }
 
 /// The time, RFC 3339.
-fn now() -> String {
+pub(super) fn now() -> String {
     humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
 }
 

@@ -1,5 +1,6 @@
 //! `parfocal calibrate coarse`: where manipulators and objective stand, seen by a stereo camera.
 
+mod force;
 pub mod height;
 mod learning;
 mod pairs;
@@ -9,6 +10,8 @@ mod stereo;
 
 use super::Output;
 use clap::{ArgGroup, Args};
+use parfocal::calibration::coarse::{MarkerId, StereoCamera};
+use parfocal::rig::Rig;
 use std::path::PathBuf;
 
 /// Coarse registration from pictures of printed markers
@@ -18,13 +21,13 @@ use std::path::PathBuf;
 ])))]
 pub struct Arguments {
     /// Folder of stereo pairs place_K_left.png, place_K_right.png, from two places or more
-    #[arg(long, value_name = "DIR", requires = "stereo")]
+    #[arg(long, value_name = "DIR")]
     pairs: Option<PathBuf>,
     /// Poses from another tracker: rows view,marker,qw,qx,qy,qz,x_mm,y_mm,z_mm
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
     /// Learn what the markers carry from pictures of known moves, clicks, and a fine calibration (see docs/coarse.md)
-    #[arg(long, value_name = "FILE", requires = "stereo")]
+    #[arg(long, value_name = "FILE")]
     learn: Option<PathBuf>,
     /// Calibrate the stereo camera from a folder of pairs of the printed board
     #[arg(long, value_name = "DIR")]
@@ -36,22 +39,28 @@ pub struct Arguments {
     #[arg(long)]
     print_board: bool,
 
-    /// The stereo camera: stereo.json, or a rig file with a table [stereo]
+    /// The rig: read for stereo camera and markers; what is learned or registered is put in force there
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Leave the rig's file as it is
+    #[arg(long)]
+    dry_run: bool,
+    /// The stereo camera: stereo.json, or a rig file with a table [stereo] [default: the rig's]
     #[arg(long, value_name = "FILE")]
     stereo: Option<PathBuf>,
-    /// The markers' size: outer edge of the black border, mm
-    #[arg(long, value_name = "MM", default_value_t = 20.0)]
-    tag_mm: f64,
+    /// The markers' size: outer edge of the black border, mm [default: the rig's, or 20]
+    #[arg(long, value_name = "MM")]
+    tag_mm: Option<f64>,
     /// A marker of another size, as in 3=12.5; may be repeated
     #[arg(long, value_name = "ID=MM", value_parser = placing::id_and_size)]
     tag_mm_of: Vec<(u16, f64)>,
-    /// The marker on the substrate
-    #[arg(long, value_name = "ID", default_value_t = 0)]
-    substrate: u16,
+    /// The marker on the substrate [default: the rig's, or 0]
+    #[arg(long, value_name = "ID")]
+    substrate: Option<u16>,
     /// The pictures hold light^(1/GAMMA); estimated from the edges when not given, 1 for linear cameras
     #[arg(long)]
     gamma: Option<f64>,
-    /// What was learned with --learn: gives each manipulator's registration and pipette angles
+    /// What was learned with --learn: gives each manipulator's registration and pipette angles [default: the rig's]
     #[arg(long, value_name = "FILE", requires = "now")]
     learned: Option<PathBuf>,
     /// Where the axes stood: a JSON file {"microscope_um":[x,y,z],"joints_um":{"1":[x,y,z]}}
@@ -82,6 +91,50 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
+
+impl Arguments {
+    /// The rig's file, if one was named.
+    fn load_rig(&self) -> anyhow::Result<Option<Rig>> {
+        self.rig.as_deref().map(Rig::load).transpose().map_err(Into::into)
+    }
+
+    /// Length of the markers' black border's outer edge: said, the rig's, or 20 mm.
+    fn tag_mm(&self, rig: Option<&Rig>) -> f64 {
+        let of_rig = rig.and_then(|rig| rig.contents().markers.as_ref());
+        self.tag_mm.or(of_rig.map(|m| m.tag_mm)).unwrap_or(TAG_MM)
+    }
+
+    /// The marker on the substrate: said, the rig's, or 0.
+    fn substrate(&self, rig: Option<&Rig>) -> MarkerId {
+        let of_rig = rig.and_then(|rig| rig.contents().markers.as_ref());
+        self.substrate.map(MarkerId).or(of_rig.map(|m| m.substrate)).unwrap_or(MarkerId(0))
+    }
+
+    /// The stereo camera: said, or the rig's.
+    fn stereo(&self, rig: Option<&Rig>) -> anyhow::Result<StereoCamera> {
+        match (&self.stereo, rig.and_then(|rig| rig.contents().stereo.clone())) {
+            (Some(file), _) => stereo::read(file),
+            (None, Some(camera)) => Ok(camera),
+            (None, None) => anyhow::bail!(
+                "pictures need the stereo camera: give --stereo stereo.json, or --rig FILE with a table [stereo] \
+                 (--calibrate-stereo writes one)"
+            ),
+        }
+    }
+
+    /// Saves the rig, unless told not to; says what it did.
+    fn save(&self, rig: &mut Rig) -> anyhow::Result<String> {
+        let Some(path) = &self.rig else { return Ok(String::new()) };
+        if self.dry_run {
+            return Ok(format!("{} stays as it was (--dry-run).\n", path.display()));
+        }
+        rig.save(path)?;
+        Ok(format!("In force in {}.\n", path.display()))
+    }
+}
+
+/// The size of markers when nobody says another.
+const TAG_MM: f64 = 20.0;
 
 /// Runs `parfocal calibrate coarse`.
 ///

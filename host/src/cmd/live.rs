@@ -219,7 +219,7 @@ pub fn camera(
 ) -> anyhow::Result<Box<dyn Camera>> {
     match (named, simulated) {
         (None | Some(CameraAddress::Simulated), Some(rig)) => Ok(Box::new(rig.camera())),
-        (Some(address), _) => address.open(Duration::from_millis(latency_ms))?.with_context(|| {
+        (Some(address), _) => address.open(Some(Duration::from_millis(latency_ms)))?.with_context(|| {
             format!("{address} is a recording, or belongs to the simulated rig: a live procedure needs a live camera")
         }),
         (None, None) => bail!("a real rig needs a --camera: docs/cameras.md has examples"),

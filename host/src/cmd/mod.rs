@@ -2,17 +2,25 @@
 
 mod autofocus;
 mod calibrate;
+mod camera;
 mod clicking;
 mod coarse;
 mod coaxial;
 mod connection;
+mod current;
+mod declare;
+mod dfu;
 mod focus;
 mod goto;
 mod guarded;
+mod hold;
+mod home;
 mod info;
 mod interrupt;
+mod jog;
 mod live;
 mod move_;
+mod move_pulses;
 mod objective;
 mod paced;
 mod ports;
@@ -26,6 +34,7 @@ mod status;
 mod stop;
 mod tip;
 mod unattended;
+mod vibrate;
 mod where_;
 
 pub use connection::Connection;
@@ -41,6 +50,15 @@ pub enum Command {
     Status(status::Arguments),
     Move(move_::Arguments),
     Stop(stop::Arguments),
+    Jog(jog::Arguments),
+    Home(home::Arguments),
+    Vibrate(vibrate::Arguments),
+    Hold(hold::Hold),
+    Resume(hold::Resume),
+    Declare(declare::Arguments),
+    Enable(current::Enable),
+    Disable(current::Disable),
+    Dfu(dfu::Arguments),
     Settings(settings::Arguments),
     Autofocus(Box<autofocus::Arguments>),
     Calibrate(Box<calibrate::Calibrate>),
@@ -66,6 +84,15 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Status(a) => a.run(connection, out),
         Command::Move(a) => a.run(connection, out),
         Command::Stop(a) => a.run(connection, out),
+        Command::Jog(a) => a.run(connection, out),
+        Command::Home(a) => a.run(connection, out),
+        Command::Vibrate(a) => a.run(connection, out),
+        Command::Hold(a) => a.run(connection, out),
+        Command::Resume(a) => a.run(connection, out),
+        Command::Declare(a) => a.run(connection, out),
+        Command::Enable(a) => a.run(connection, out),
+        Command::Disable(a) => a.run(connection, out),
+        Command::Dfu(a) => a.run(connection, out),
         Command::Settings(a) => a.run(connection, out),
         Command::Autofocus(a) => a.run(connection, out),
         Command::Calibrate(a) => calibrate::run(*a, connection, out),

@@ -1,8 +1,10 @@
 //! `parfocal move`: axes to positions.
 
 use super::connection::{Connection, Purpose};
+use super::move_pulses::{self, pulse};
 use super::{Output, interrupt, simulated};
 use parfocal::rig::AxisName;
+use parfocal::stage::Stage;
 use parfocal_protocol::units::{Micrometres, MicrometresPerSecond};
 use std::str::FromStr;
 
@@ -15,6 +17,11 @@ pub struct Arguments {
     /// Speed along the line, µm/s [default: the fastest that the axes allow]
     #[arg(long, value_name = "UM_PER_S")]
     speed_um_s: Option<f32>,
+    /// Come back as soon as the move has begun; `parfocal hold`, `resume`, `stop` and `status` then work beside it
+    #[arg(long, conflicts_with_all = ["pulse_every_um", "pulse_at_um"])]
+    no_wait: bool,
+    #[command(flatten)]
+    pulses: move_pulses::Arguments,
 }
 
 /// Where one axis shall go.
@@ -56,17 +63,56 @@ impl Arguments {
             let from = if target.relative { bench.stage.position(target.axis)?.0 } else { 0.0 };
             targets.push((target.axis, Micrometres(from + target.um)));
         }
-        let began = bench.stage.now();
-        let moved = bench.stage.move_to(&targets, self.speed_um_s.map(MicrometresPerSecond), &interrupt::keep_on);
-        let seconds = (bench.stage.now().0 - began.0) as f64 / 1e6;
+        let speed = self.speed_um_s.map(MicrometresPerSecond);
+        if self.no_wait {
+            let begun = bench.stage.begin(&targets, speed);
+            bench.stage.close();
+            let motions: Vec<u32> = begun?.into_iter().map(|(_, motion)| motion.0).collect();
+            return out.result("begun", &serde_json::json!({ "motions": motions }));
+        }
+        let moved = self.moved(&mut bench.stage, &targets, speed);
         let mut rows = Vec::new();
         for (axis, _) in &targets {
             rows.push((axis.to_string(), bench.stage.position(*axis)?.0));
         }
         bench.stage.close();
-        moved?;
-        let text = rows.iter().map(|(axis, um)| format!("{axis} at {um:.3} µm")).collect::<Vec<_>>().join("\n");
+        let Moved { seconds, pulses } = moved?;
+        let mut text = rows.iter().map(|(axis, um)| format!("{axis} at {um:.3} µm")).collect::<Vec<_>>().join("\n");
         let positions: serde_json::Map<_, _> = rows.into_iter().map(|(axis, um)| (axis, um.into())).collect();
-        out.result(&text, &serde_json::json!({ "positions_um": positions, "duration_s": seconds }))
+        let mut json = serde_json::json!({ "positions_um": positions, "duration_s": seconds });
+        if let Some((planned, given)) = pulses {
+            text += &format!("\n{}", planned.text(&given));
+            json["pulses"] = serde_json::to_value(given)?;
+        }
+        out.result(&text, &json)
     }
+
+    fn moved(
+        &self,
+        stage: &mut Stage,
+        targets: &[(AxisName, Micrometres)],
+        speed: Option<MicrometresPerSecond>,
+    ) -> anyhow::Result<Moved> {
+        let planned = self.pulses.plan(stage, targets)?;
+        if let Some(planned) = &planned {
+            planned.begin(stage)?;
+        }
+        let began = stage.now();
+        let mut given = Vec::new();
+        let begun = stage.begin(targets, speed)?;
+        let waited = stage.wait_telling(&begun, &interrupt::keep_on, &mut |event| given.extend(pulse(&event)));
+        let seconds = (stage.now().0 - began.0) as f64 / 1e6;
+        if let Some(planned) = &planned {
+            planned.end(stage)?;
+        }
+        waited?;
+        Ok(Moved { seconds, pulses: planned.map(|planned| (planned, given)) })
+    }
+}
+
+/// What came of a move.
+struct Moved {
+    seconds: f64,
+    /// Camera pulses asked for, and given.
+    pulses: Option<(move_pulses::Planned, Vec<move_pulses::Pulse>)>,
 }

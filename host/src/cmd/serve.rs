@@ -115,7 +115,7 @@ impl Arguments {
             (CameraAddress::Curve(_), ..) => bail!("{name} is a curve without pictures: `parfocal autofocus` takes it"),
             _ => Box::new(move || {
                 let none = || CameraError::Ended { camera: address.to_string(), reason: "it needs a rig".into() };
-                address.open(latency)?.ok_or_else(none)
+                address.open(Some(latency))?.ok_or_else(none)
             }),
         };
         Ok((open, name))
@@ -148,7 +148,8 @@ impl Arguments {
         contents.objective_in_use = Some("default".into());
         if let Some(paced) = paced {
             let (width_px, height_px) = paced.sensor();
-            contents.camera = Some(rig::Camera { width_px, height_px, crop_px: None, binning: 1, calibration: None });
+            contents.camera =
+                Some(rig::Camera { width_px, height_px, crop_px: None, binning: 1, calibration: None, latency: None });
         }
         Ok(rig)
     }

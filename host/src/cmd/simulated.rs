@@ -1,13 +1,14 @@
 //! The simulated rig as this program's boards and camera: transports and frames out of one virtual world.
 
 use super::remembered::{Memory, Remembered};
-use parfocal::frames::camera::{Camera, CameraError, Frame};
+use parfocal::frames::camera::{Camera, CameraError, Frame, Stamp};
 use parfocal::link::transport::Transport;
 use parfocal::picture::{Picture, Roi};
 use parfocal::rig::{AxisName, Coordinate, Device, ManipulatorNumber};
 use parfocal::stage::Place;
 use parfocal_protocol::units::{Axis, HostTime, Micrometres};
-use parfocal_simulator::model::RigModel;
+use parfocal_simulator::camera::{CameraTiming, FrameTimes};
+use parfocal_simulator::model::{ObjectiveModel, RigModel};
 use parfocal_simulator::rig::Rig;
 use std::collections::BTreeMap;
 use std::io;
@@ -22,6 +23,8 @@ pub struct Model {
     pub limits: Vec<(AxisName, Micrometres, Micrometres)>,
     /// Where axes are at the start, other than the rig's own.
     pub positions: Vec<(AxisName, Micrometres)>,
+    /// The camera's timing, other than the rig's own.
+    pub timing: Option<CameraTiming>,
     /// The objective in the light path, other than its first.
     pub objective: Option<String>,
     /// Where its axes' positions are kept from one command to the next.
@@ -73,6 +76,9 @@ impl Handle {
     /// A simulated rig that has just been switched on.
     pub fn new(model: Model) -> Self {
         let mut rig = RigModel::new(model.seed);
+        if let Some(timing) = model.timing {
+            rig.camera.timing = timing;
+        }
         let places = axes();
         for (name, low, high) in &model.limits {
             if let Some(place) = places.get(name) {
@@ -84,6 +90,7 @@ impl Handle {
                 rig.set_position(place.board, place.axis, *at);
             }
         }
+        rig.objectives.push(ObjectiveModel::SEARCHER);
         let mut rig = Rig::new(rig);
         if let Some(name) = &model.objective {
             rig.set_objective(name);
@@ -176,11 +183,23 @@ impl Camera for SimulatedCamera {
         let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
         let picture = Picture::grey16(frame.width, frame.height, frame.pixels)
             .map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;
-        Ok(Some(Frame {
-            picture,
+        let Stamp { number, exposure, arrival } = self.stamp(&times);
+        Ok(Some(Frame { picture, number, exposure, arrival }))
+    }
+
+    fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
+        let times = self.0.lock().next_times(deadline.0);
+        Ok(times.map(|times| self.stamp(&times)))
+    }
+}
+
+impl SimulatedCamera {
+    fn stamp(&self, times: &FrameTimes) -> Stamp {
+        let told = self.0.lock().model().camera.timing.timestamps;
+        Stamp {
             number: times.number,
-            exposure: Some((HostTime(times.begin), HostTime(times.end))),
+            exposure: told.then_some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),
-        }))
+        }
     }
 }

@@ -72,13 +72,14 @@ pub const CAREFUL_LATENCY: Duration = Duration::from_millis(150);
 
 impl CameraAddress {
     /// Opens the cameras that deliver frames by themselves; `None` for those that need the rig: `sim`, `stack`, `curve`.
-    /// `latency` is the longest time from the begin of an exposure to its frame's arrival.
+    /// `latency` is the longest time from the begin of an exposure to its frame's arrival; without it frames that carry no
+    /// exposure times have none.
     ///
     /// # Errors
     /// [`CameraError`] when it is not there.
-    pub fn open(&self, latency: Duration) -> Result<Option<Box<dyn Camera>>, CameraError> {
+    pub fn open(&self, latency: Option<Duration>) -> Result<Option<Box<dyn Camera>>, CameraError> {
         Ok(match self {
-            Self::Command(command) => Some(Box::new(CommandCamera::start(command, Some(latency))?)),
+            Self::Command(command) => Some(Box::new(CommandCamera::start(command, latency)?)),
             Self::Y4m(path) => Some(Box::new(Recording::y4m(path)?)),
             Self::Folder(path) => Some(Box::new(Recording::folder(path)?)),
             Self::Simulated | Self::Stack(_) | Self::Curve(_) => None,

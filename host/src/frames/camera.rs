@@ -17,6 +17,24 @@ pub struct Frame {
     pub arrival: HostTime,
 }
 
+/// Which frame, and when it was exposed and came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    /// As [`Frame::number`].
+    pub number: u64,
+    /// As [`Frame::exposure`].
+    pub exposure: Option<(HostTime, HostTime)>,
+    /// As [`Frame::arrival`].
+    pub arrival: HostTime,
+}
+
+impl Frame {
+    /// Its number and times.
+    pub fn stamp(&self) -> Stamp {
+        Stamp { number: self.number, exposure: self.exposure, arrival: self.arrival }
+    }
+}
+
 /// Why a camera gives no frames.
 #[derive(Debug, Error)]
 pub enum CameraError {
@@ -62,6 +80,14 @@ pub trait Camera: Send {
     /// # Errors
     /// The camera is gone.
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError>;
+
+    /// As [`Camera::next_frame`], when only the times matter.
+    ///
+    /// # Errors
+    /// The camera is gone.
+    fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
+        Ok(self.next_frame(deadline)?.map(|frame| frame.stamp()))
+    }
 }
 
 impl<C: Camera + ?Sized> Camera for &mut C {
@@ -71,5 +97,23 @@ impl<C: Camera + ?Sized> Camera for &mut C {
 
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
         (**self).next_frame(deadline)
+    }
+
+    fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
+        (**self).next_stamp(deadline)
+    }
+}
+
+impl<C: Camera + ?Sized> Camera for Box<C> {
+    fn name(&self) -> String {
+        (**self).name()
+    }
+
+    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
+        (**self).next_frame(deadline)
+    }
+
+    fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
+        (**self).next_stamp(deadline)
     }
 }

@@ -61,6 +61,17 @@ impl fmt::Display for Explained<'_, Refusal> {
                 f,
                 "the board cannot keep settings over a power cycle now (flash busy, worn, or a chip revision on which it must not)"
             ),
+            Refusal::NoTrigger { axis: Axis(n) } => {
+                write!(
+                    f,
+                    "steps of axis {n} cannot give camera pulses: on this board those of its first three axes can"
+                )
+            }
+            Refusal::WrongTime { earliest, latest } => write!(
+                f,
+                "the frame's time is not between {} and {} µs by the board's clock: frames come in the order of their exposure, after it",
+                earliest.0, latest.0
+            ),
             Refusal::Unsupported => write!(
                 f,
                 "the board's firmware cannot do this: flash it with this program's firmware (`cargo xtask flash`)"

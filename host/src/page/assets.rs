@@ -23,6 +23,7 @@ const FILES: &[(&str, &str, &str)] = files![
     "axes.js": "text/javascript; charset=utf-8",
     "curve.js": "text/javascript; charset=utf-8",
     "dom.js": "text/javascript; charset=utf-8",
+    "wizard.js": "text/javascript; charset=utf-8",
 ];
 
 /// The page.
@@ -33,7 +34,19 @@ pub async fn index() -> Response {
 /// One of its files.
 pub async fn file(Path(name): Path<String>) -> Response {
     match FILES.iter().find(|(own, ..)| *own == name) {
-        Some((_, kind, text)) => ([(CONTENT_TYPE, *kind)], *text).into_response(),
+        Some((name, kind, text)) => ([(CONTENT_TYPE, *kind)], source(name, text)).into_response(),
         None => Failure::new(StatusCode::NOT_FOUND, format!("there is no {name} here")).into_response(),
     }
+}
+
+/// A program built for debugging reads the files from its source, so that a change to the page needs no build.
+#[cfg(debug_assertions)]
+fn source(name: &str, text: &'static str) -> String {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/page/web").join(name);
+    std::fs::read_to_string(path).unwrap_or_else(|_| text.into())
+}
+
+#[cfg(not(debug_assertions))]
+fn source(_name: &str, text: &'static str) -> &'static str {
+    text
 }

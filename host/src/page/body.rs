@@ -46,7 +46,9 @@ impl From<OrderError> for Failure {
         let status = match error {
             OrderError::Busy(_) => StatusCode::CONFLICT,
             OrderError::Stale | OrderError::Ending => StatusCode::SERVICE_UNAVAILABLE,
-            OrderError::Stage(_) | OrderError::Place(_) | OrderError::Value(_) => StatusCode::UNPROCESSABLE_ENTITY,
+            OrderError::Stage(_) | OrderError::Place(_) | OrderError::Unsafe(_) | OrderError::Value(_) => {
+                StatusCode::UNPROCESSABLE_ENTITY
+            }
         };
         Self::new(status, error)
     }

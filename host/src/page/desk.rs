@@ -3,6 +3,7 @@
 use super::control::Control;
 use super::feed::Feed;
 use super::line::Watcher;
+use super::wizard::Wizard;
 use crate::focus::Measure;
 use crate::link::transport::real_now;
 use crate::picture::Roi;
@@ -88,6 +89,8 @@ pub struct CurveSoFar {
     pub axis: Option<AxisName>,
     /// (z in µm, Φ) in the order taken.
     pub samples: Vec<(f64, f64)>,
+    /// From each sample's frame's arrival to its value's leaving for the board, µs.
+    pub latency_us: Vec<u64>,
     /// Where the focus was found, µm.
     pub focused_um: Option<f64>,
     /// Why not.
@@ -145,6 +148,7 @@ pub struct Desk {
     curve: Mutex<CurveSoFar>,
     messages: Mutex<(u64, VecDeque<Message>)>,
     looking: Mutex<Looking>,
+    wizard: Mutex<Wizard>,
     control: Mutex<Control>,
     link_problem: Mutex<Option<String>>,
     halts: AtomicU64,
@@ -190,6 +194,7 @@ impl Desk {
             curve: Mutex::default(),
             messages: Mutex::default(),
             looking: Mutex::default(),
+            wizard: Mutex::default(),
             control: Mutex::default(),
             link_problem: Mutex::default(),
             halts: AtomicU64::new(0),
@@ -216,6 +221,11 @@ impl Desk {
     /// Who has control.
     pub fn control(&self) -> MutexGuard<'_, Control> {
         lock(&self.control)
+    }
+
+    /// The calibration under way, or waiting to be put in force.
+    pub fn wizard(&self) -> MutexGuard<'_, Wizard> {
+        lock(&self.wizard)
     }
 
     /// Region and measure.

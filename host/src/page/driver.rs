@@ -5,9 +5,11 @@ use super::focusing::Scan;
 use super::jog::Watchdog;
 use super::order::{Answer, Envelope, Order, OrderError, STALE_MS};
 use super::places;
+use super::wizard::Calibration;
 use crate::link::LinkError;
 use crate::link::explain::Explained;
 use crate::link::transport::{later, real_now};
+use crate::procedure::Guard;
 use crate::rig::AxisName;
 use crate::stage::{Stage, status};
 use parfocal_protocol::message::{MotionId, Request};
@@ -38,6 +40,7 @@ struct Begun {
 /// What the thread does to the end, once who asked has been answered.
 enum Rest {
     Scan(Scan),
+    Calibration(Calibration),
 }
 
 impl Begun {
@@ -79,6 +82,7 @@ impl Driver {
                     let _ = envelope.answer.send(answer);
                     match rest {
                         Some(Rest::Scan(scan)) => scan.run(&self.desk, &mut self.stage),
+                        Some(Rest::Calibration(calibration)) => calibration.run(&self.desk, &mut self.stage),
                         None => {}
                     }
                 }
@@ -193,6 +197,10 @@ impl Driver {
                 let scan = Scan::begin(&self.desk, &mut self.stage, &focus)?;
                 return Ok(Begun { id: scan.id(), rest: Some(Rest::Scan(scan)) });
             }
+            Order::Calibrate(plan) => {
+                let calibration = Calibration::begin(&self.desk, plan);
+                return Ok(Begun { id: calibration.id(), rest: Some(Rest::Calibration(calibration)) });
+            }
             Order::ClearEmergency => {
                 for link in self.stage.boards_mut() {
                     link.request(Request::ClearEmergency)?;
@@ -212,6 +220,10 @@ impl Driver {
 
     fn go(&mut self, to: &[(AxisName, Micrometres)], speed: Option<MicrometresPerSecond>) -> Answer {
         let halts = self.desk.halts();
+        let rig = self.desk.rig().clone();
+        let keep_on = || self.desk.halts() == halts;
+        // Every tip on its whole way against every obstacle, before anything moves.
+        Guard::new(&mut self.stage, &rig, &keep_on).check(to)?;
         let motions = self.stage.begin(to, speed)?;
         // A STOP that came between the boards' answers.
         if self.desk.halts() != halts {

@@ -4,6 +4,7 @@ use crate::frames::camera::{Camera, CameraError, Frame};
 use crate::link::transport::{later, real_now};
 use parfocal_protocol::units::HostTime;
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
@@ -155,7 +156,7 @@ impl Feed {
 
     /// A camera that delivers this feed's frames from now on. `keep_on` is asked while it waits; false: no more frames.
     pub fn camera(&self, keep_on: Arc<dyn Fn() -> bool + Send + Sync>) -> FeedCamera {
-        FeedCamera { seen: self.lock().count, feed: self.clone(), keep_on }
+        FeedCamera { seen: self.lock().count, feed: self.clone(), keep_on, arrival: Arc::default() }
     }
 }
 
@@ -164,6 +165,14 @@ pub struct FeedCamera {
     feed: Feed,
     seen: u64,
     keep_on: Arc<dyn Fn() -> bool + Send + Sync>,
+    arrival: Arc<AtomicU64>,
+}
+
+impl FeedCamera {
+    /// When the frame that was given last had arrived, µs of the host's clock; shared, for who has lent the camera away.
+    pub fn arrival(&self) -> Arc<AtomicU64> {
+        self.arrival.clone()
+    }
 }
 
 impl Camera for FeedCamera {
@@ -177,6 +186,7 @@ impl Camera for FeedCamera {
             if let Some((number, frame)) = inside.frames.iter().find(|(number, _)| *number > self.seen).cloned() {
                 drop(inside);
                 self.seen = number;
+                self.arrival.store(frame.arrival.0, Ordering::Relaxed);
                 return Ok(Some(Frame::clone(&frame)));
             }
             if let Health::Failed(reason) = &inside.health {
@@ -196,7 +206,7 @@ impl Camera for FeedCamera {
 mod tests {
     use super::*;
     use crate::picture::Picture;
-    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::sync::atomic::AtomicU32;
 
     /// Gives three frames, then fails.
     struct Short(u64);

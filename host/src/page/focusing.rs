@@ -2,13 +2,17 @@
 
 use super::desk::{CurveSoFar, Desk, Doing};
 use super::order::{Focus, OrderError};
-use crate::autofocus::source::CameraSource;
-use crate::autofocus::{Progress, Sample, run as scan};
+use crate::autofocus::{CameraSource, Latency, Progress, REACH, Sample, run as scan};
+use crate::frames::camera::Camera;
 use crate::link::explain::scan_refusal;
-use crate::stage::Stage;
-use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters};
-use parfocal_protocol::units::{Axis, Micrometres, MicrometresPerSecond, Milliseconds};
+use crate::link::transport::real_now;
+use crate::procedure::{FocusTask, Focuser, ProcedureError};
+use crate::rig::CameraLatency;
+use crate::stage::{Stage, StageError};
+use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters, Strategy, Subject};
+use parfocal_protocol::units::{Axis, Micrometres, MicrometresPerSecond, Milliseconds, Nanometres};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 /// All local maxima lie within this distance of the focus, µm.
 const TRAP_UM: f64 = 10.0;
@@ -50,11 +54,14 @@ impl Scan {
         let looking = desk.looking();
         let own = desk.clone();
         let going = Arc::new(move || own.halts() == halts && !own.cancelled());
-        let mut source =
-            CameraSource { camera: desk.feed.camera(going.clone()), roi: looking.region, measure: looking.measure };
+        let camera = desk.feed.camera(going.clone());
+        let arrival = camera.arrival();
+        let mut source = CameraSource::new(camera, looking.region, looking.measure, latency(desk));
         let mut show = |progress: Progress| {
             if let Progress::Sample(Sample { z, phi }) = progress {
-                desk.curve().samples.push((z.0, phi.0));
+                let mut curve = desk.curve();
+                curve.samples.push((z.0, phi.0));
+                curve.latency_us.push(real_now().0.saturating_sub(arrival.load(Ordering::Relaxed)));
             }
         };
         let scanned = match stage.find(axis) {
@@ -89,6 +96,84 @@ impl Scan {
     }
 }
 
+/// Focuses for a procedure, with the curve on the desk.
+pub struct PageFocuser {
+    desk: Arc<Desk>,
+    halts: u64,
+}
+
+impl PageFocuser {
+    /// A focuser that ends when somebody stops or cancels.
+    pub fn new(desk: Arc<Desk>) -> Self {
+        Self { halts: desk.halts(), desk }
+    }
+}
+
+impl Focuser for PageFocuser {
+    fn focus(
+        &mut self,
+        stage: &mut Stage,
+        camera: &mut dyn Camera,
+        task: &FocusTask,
+        keep_on: &dyn Fn() -> bool,
+    ) -> Result<Micrometres, ProcedureError> {
+        let desk = &self.desk;
+        let (link, axis) = stage.find(task.axis)?;
+        let nm = |at: Micrometres| at.nanometres().ok_or(StageError::NoPosition { name: task.axis, at: at.0 });
+        let parameters = ScanParameters {
+            low: nm(task.low)?,
+            high: nm(task.high)?,
+            ..plain(axis, nm(Micrometres(0.5))?, nm(Micrometres(TRAP_UM))?, nm(Micrometres(PROBE_UM))?)
+        };
+        let (id, measure) = (desk.activity().id, desk.looking().measure);
+        *desk.curve() = CurveSoFar { id, axis: Some(task.axis), ..CurveSoFar::default() };
+        let mut source = CameraSource::new(camera, Some(task.region), measure, latency(desk));
+        let mut show = |progress: Progress| {
+            if let Progress::Sample(Sample { z, phi }) = progress {
+                desk.curve().samples.push((z.0, phi.0));
+            }
+        };
+        let scanned = scan(link, &parameters, &mut source, &mut show, keep_on)?;
+        if !keep_on() || desk.halts() != self.halts {
+            return Err(StageError::Interrupted.into());
+        }
+        match scanned.report.outcome {
+            Outcome::Focused => {
+                desk.curve().focused_um = Some(scanned.report.best.micrometres().0);
+                Ok(scanned.report.end.micrometres())
+            }
+            Outcome::Refused(why) => {
+                desk.curve().refused = Some(scan_refusal(why).into());
+                Err(ProcedureError::NotFocused { axis: task.axis, reason: scan_refusal(why) })
+            }
+        }
+    }
+}
+
+/// How late the camera's frames come, if that was calibrated.
+fn latency(desk: &Desk) -> Option<Latency> {
+    desk.rig().contents().camera.as_ref()?.latency.as_ref().map(CameraLatency::in_force)
+}
+
+/// A scan of no range yet, stepwise uphill.
+fn plain(axis: Axis, sample_step: Nanometres, trap: Nanometres, probe: Nanometres) -> ScanParameters {
+    ScanParameters {
+        scan: ScanId(rand::random()),
+        axis,
+        strategy: Strategy::Climb,
+        mode: Mode::Step,
+        subject: Subject::Peak,
+        low: Nanometres(0),
+        high: Nanometres(0),
+        sample_step,
+        trap,
+        probe,
+        speed: MicrometresPerSecond(0.0),
+        sample_timeout: Milliseconds(2000),
+        verify: false,
+    }
+}
+
 fn parameters(
     focus: &Focus,
     start: Micrometres,
@@ -96,9 +181,8 @@ fn parameters(
     info: &super::desk::AxisInfo,
 ) -> Result<ScanParameters, OrderError> {
     let (mut low, mut high) = (info.settings.low.micrometres().0, info.settings.high.micrometres().0);
-    if let Some([down, up]) = focus.range_um {
-        (low, high) = (low.max(start.0 + down), high.min(start.0 + up));
-    }
+    let [down, up] = focus.range_um.unwrap_or([-REACH.0, REACH.0]);
+    (low, high) = (low.max(start.0 + down), high.min(start.0 + up));
     if !(low < high) {
         return Err(OrderError::Value(format!("the range leaves nothing of {}'s travel to scan", focus.axis)));
     }
@@ -106,19 +190,13 @@ fn parameters(
         let cannot = || OrderError::Value(format!("{what} of {um} µm is no length a stage can have"));
         Micrometres(um).nanometres().ok_or_else(cannot)
     };
+    let [step, trap, probe] =
+        [nm("a sample step", focus.sample_step.0)?, nm("a trap", TRAP_UM)?, nm("a probe", PROBE_UM)?];
     Ok(ScanParameters {
-        scan: ScanId(rand::random()),
-        axis,
         strategy: focus.strategy,
-        mode: Mode::Step,
         subject: focus.subject,
         low: nm("a low end", low)?,
         high: nm("a high end", high)?,
-        sample_step: nm("a sample step", focus.sample_step.0)?,
-        trap: nm("a trap", TRAP_UM)?,
-        probe: nm("a probe", PROBE_UM)?,
-        speed: MicrometresPerSecond(0.0),
-        sample_timeout: Milliseconds(2000),
-        verify: false,
+        ..plain(axis, step, trap, probe)
     })
 }

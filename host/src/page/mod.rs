@@ -5,6 +5,7 @@
 //! past the driving thread, straight to the boards ([`line`]).
 
 mod api;
+mod api_calibration;
 mod assets;
 mod body;
 pub mod control;
@@ -21,6 +22,8 @@ mod places;
 pub mod security;
 mod snapshot;
 mod socket;
+mod solving;
+mod wizard;
 
 use crate::rig::Rig;
 use crate::stage::{Stage, StageError};

@@ -1,8 +1,10 @@
 //! What can be asked of the thread that moves things, and how it answers.
 
 use super::places::NoPlace;
+use super::wizard::Plan;
 use crate::calibration::chain::Pixel;
 use crate::link::LinkError;
+use crate::procedure::ProcedureError;
 use crate::rig::{AxisName, Device};
 use crate::stage::StageError;
 use parfocal_protocol::autofocus::{Strategy, Subject};
@@ -43,6 +45,8 @@ pub enum Order {
     LetGo,
     /// Bring an axis into focus.
     Autofocus(Focus),
+    /// Calibrate something.
+    Calibrate(Plan),
     /// Leave the emergency stop.
     ClearEmergency,
 }
@@ -77,6 +81,9 @@ pub enum OrderError {
     /// A click that leads nowhere.
     #[error(transparent)]
     Place(#[from] NoPlace),
+    /// A move that would not be safe.
+    #[error(transparent)]
+    Unsafe(#[from] ProcedureError),
     /// A value that cannot be.
     #[error("{0}")]
     Value(String),

@@ -3,6 +3,7 @@
 use super::desk::{Desk, Doing, Ended, Message};
 use super::feed::Health;
 use super::places::{self, Tip};
+use super::wizard::Shown;
 use crate::autofocus::source::judge;
 use crate::calibration::chain::Chain;
 use crate::link::transport::real_now;
@@ -35,6 +36,7 @@ pub struct State {
     focus: FocusState,
     tips: Vec<Tip>,
     calibrated: Calibrated,
+    calibration: Option<Shown>,
     messages: Vec<Message>,
 }
 
@@ -203,6 +205,7 @@ fn state(desk: &Desk, reading: Reading) -> State {
             missing: Chain::of(&rig).err().map(|e| e.to_string()),
             kept_in: desk.rig_path.as_ref().map(|path| path.display().to_string()),
         },
+        calibration: desk.wizard().shown().cloned(),
         messages: desk.messages(),
     }
 }

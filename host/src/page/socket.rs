@@ -150,9 +150,12 @@ impl Reader {
             }
             Said::Levels { levels } => drop(self.levels.send_replace(levels)),
             Said::Here { key } => {
-                if self.app.desk.control().check(real_now(), &key).is_ok() {
+                let yours = self.app.desk.control().check(real_now(), &key).is_ok();
+                if yours {
                     self.key = Some(key);
                 }
+                let _ =
+                    self.tell.try_send(Message::Text(json!({ "type": "control", "yours": yours }).to_string().into()));
             }
             Said::Stop => {
                 let desk = self.app.desk.clone();

@@ -2,7 +2,7 @@
 
 use super::obstacles::Collision;
 use super::point::NotFound;
-use crate::autofocus::AutofocusError;
+use crate::autofocus::ScanError;
 use crate::calibration::CalibrationError;
 use crate::calibration::chain::ChainError;
 use crate::frames::camera::CameraError;
@@ -31,7 +31,7 @@ pub enum ProcedureError {
     Camera(#[from] CameraError),
     /// The scan could not be carried through.
     #[error(transparent)]
-    Autofocus(#[from] AutofocusError),
+    Autofocus(#[from] ScanError),
     /// The point is not there.
     #[error(transparent)]
     NotFound(#[from] NotFound),
@@ -109,6 +109,11 @@ pub enum ProcedureError {
         "where the tip of {0} is cannot be known: it is not registered, and obstacles are there; register it, or move it by 'parfocal move' and by eye"
     )]
     TipUnknown(ManipulatorNumber),
+    /// No marker says where the manipulator is.
+    #[error(
+        "{0} has no coarse registration: photograph the markers with 'parfocal calibrate coarse --pairs DIR --rig FILE', or bring its tip into view by hand"
+    )]
+    Uncoarse(ManipulatorNumber),
     /// The sample file.
     #[error("{}: cannot be written: {reason}", path.display())]
     Record {

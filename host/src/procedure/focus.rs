@@ -94,7 +94,7 @@ impl Focuser for ScanFocuser {
     ) -> Result<Micrometres, ProcedureError> {
         let (link, axis) = stage.find(task.axis)?;
         let parameters = self.parameters(axis, task)?;
-        let mut source = CameraSource { camera, roi: Some(task.region), measure: self.measure };
+        let mut source = CameraSource::new(camera, Some(task.region), self.measure, None);
         let scanned = run(link, &parameters, &mut source, &mut |_| {}, keep_on)?;
         if !keep_on() {
             return Err(StageError::Interrupted.into());

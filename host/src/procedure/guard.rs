@@ -66,8 +66,8 @@ pub fn targets(device: Device, to: Vector3<f64>) -> Targets {
 /// What is known of where a tip is.
 #[derive(Clone, Copy, Debug)]
 enum Tip {
-    /// By a registration, or one in the making.
-    Registered(Arm),
+    /// By a registration, or one in the making, which may be wrong by some µm.
+    Registered { arm: Arm, error_um: f64 },
     /// It was seen at a place with the joints at a position; how it moves from there is not known.
     Seen { at: Point<Ref>, joints: Point<Man> },
 }
@@ -88,8 +88,13 @@ pub struct Guard<'a> {
 impl<'a> Guard<'a> {
     /// Guards `stage` by what `rig` says. `keep_on` is asked while something moves; false stops everything.
     pub fn new(stage: &'a mut Stage, rig: &'a Rig, keep_on: &'a dyn Fn() -> bool) -> Self {
-        let registered = |n: &ManipulatorNumber| Some((*n, Tip::Registered(Arm::of(rig, *n).ok()?)));
-        let tips = rig.contents().manipulators.keys().filter_map(registered).collect();
+        let known = |n: &ManipulatorNumber| {
+            let fine = Arm::of(rig, *n).ok().map(|arm| Tip::Registered { arm, error_um: 0.0 });
+            // By markers alone: obstacles are kept clear of by three standard deviations more.
+            let coarse = || Arm::coarse_of(rig, *n).map(|(arm, sd)| Tip::Registered { arm, error_um: 3.0 * sd });
+            Some((*n, fine.or_else(coarse)?))
+        };
+        let tips = rig.contents().manipulators.keys().filter_map(known).collect();
         let moved = stage.now();
         let in_use = rig.contents().objective_in_use.clone();
         Self { stage, rig, keep_on, tips, in_use, moved }
@@ -143,7 +148,12 @@ impl<'a> Guard<'a> {
 
     /// From now on this is how a manipulator's joints move its tip: a registration in the making.
     pub fn assume(&mut self, number: ManipulatorNumber, arm: Arm) {
-        self.tips.insert(number, Tip::Registered(arm));
+        self.assume_within(number, arm, 0.0);
+    }
+
+    /// As [`Self::assume`], for a registration that may be wrong by `error_um`: obstacles are kept clear of by as much more.
+    pub fn assume_within(&mut self, number: ManipulatorNumber, arm: Arm, error_um: f64) {
+        self.tips.insert(number, Tip::Registered { arm, error_um });
     }
 
     /// The tip was seen at a place with the joints at a position: all that is known of a manipulator not registered.
@@ -255,10 +265,14 @@ impl<'a> Guard<'a> {
     fn way(&self, n: ManipulatorNumber, from: &Pose, to: &Pose, around_um: f64) -> Way {
         let (start, end) = (from.joints(n), to.joints(n));
         match self.tips[&n] {
-            Tip::Registered(arm) => Way { from: arm.tip(start), to: arm.tip(end), around_um },
+            Tip::Registered { arm, error_um } => {
+                let around_um = around_um + error_um;
+                Way { from: arm.tip(start), to: arm.tip(end), around_um, around_now_um: around_um }
+            }
             Tip::Seen { at, joints } => {
                 let reach = |p: Point<Man>| LONGEST * (p - joints).coordinates.abs().sum();
-                Way { from: at, to: at, around_um: around_um + reach(start).max(reach(end)) }
+                let now = reach(start);
+                Way { from: at, to: at, around_um: around_um + now.max(reach(end)), around_now_um: around_um + now }
             }
         }
     }
@@ -284,5 +298,6 @@ fn kappa(rig: &Rig, in_use: Option<&str>) -> Vector3<f64> {
     let zoom = contents.zoom_in_use.unwrap_or(1.0);
     let objective = in_use.and_then(|name| contents.objectives.get(name));
     let entry = objective.and_then(|o| o.zooms.iter().find(|z| z.zoom == zoom));
-    entry.map_or(Vector3::zeros(), |entry| entry.kappa_um.into())
+    let kappa = entry.map_or(Vector3::zeros(), |entry| entry.kappa_um.into());
+    kappa + Vector3::z() * contents.objective_height_um
 }

@@ -2,6 +2,7 @@
 
 use super::RigError;
 use super::contents::{Camera, Contents, Manipulator, Moves, Objective, Obstacle, Record, SCHEMA};
+use super::markers::Markers;
 use super::names::Device;
 use std::collections::BTreeMap;
 
@@ -17,6 +18,10 @@ pub fn check(contents: &Contents) -> Result<(), RigError> {
     objectives(contents)?;
     for (number, manipulator) in &contents.manipulators {
         check_manipulator(&format!("manipulators.{number}"), manipulator)?;
+    }
+    finite("objective_height_um", &[contents.objective_height_um])?;
+    if let Some(markers) = &contents.markers {
+        check_markers(markers)?;
     }
     for (i, obstacle) in contents.obstacles.iter().enumerate() {
         check_obstacle(&format!("obstacle[{i}]"), obstacle, contents)?;
@@ -104,6 +109,12 @@ fn check_camera(camera: &Camera) -> Result<(), RigError> {
         ensure((a * d - b * c).abs() > 1e-3 * size, key, "is singular: its columns must not be parallel nor zero")?;
         check_record("camera.calibration.record", &calibration.record)?;
     }
+    if let Some(latency) = &camera.latency {
+        finite("camera.latency", &[latency.latency_ms, latency.error_ms, latency.period_ms])?;
+        ensure(latency.period_ms > 0.0, "camera.latency.period_ms", "must be the time between frames, above 0")?;
+        let possible = latency.latency_ms.abs() <= 10_000.0;
+        ensure(possible, "camera.latency.latency_ms", "must lie between -10000 and 10000 ms")?;
+    }
     Ok(())
 }
 
@@ -150,16 +161,50 @@ fn check_objective(name: &str, objective: &Objective) -> Result<(), RigError> {
     Ok(())
 }
 
+/// Every body has a marker of its own.
+fn check_markers(markers: &Markers) -> Result<(), RigError> {
+    ensure(markers.tag_mm > 0.1 && markers.tag_mm < 1000.0, "markers.tag_mm", "must be 0.1 to 1000")?;
+    let bodies =
+        [("markers.substrate".to_owned(), Some(markers.substrate)), ("markers.objective".into(), markers.objective)];
+    let arms = markers.manipulators.iter().map(|(number, id)| (format!("markers.manipulators.{number}"), Some(*id)));
+    let mut seen = BTreeMap::new();
+    for (key, id) in bodies.into_iter().chain(arms) {
+        let Some(id) = id else { continue };
+        ensure(id.0 <= 586, &key, "must be 0 to 586: the family tag36h11 has no more")?;
+        if let Some(other) = seen.insert(id, key.clone()) {
+            return Err(wrong(
+                key,
+                format!("is marker {id}, which is {other} already: every body needs a number of its own"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// A map from joints to ref.
+fn check_map(key: &str, rows: &[[f64; 4]; 4]) -> Result<(), RigError> {
+    let m = nalgebra::Matrix4::from_fn(|r, c| rows[r][c]);
+    finite(key, m.as_slice())?;
+    ensure(rows[3] == [0.0, 0.0, 0.0, 1.0], key, "must end with the row [0, 0, 0, 1]")?;
+    let linear = m.fixed_view::<3, 3>(0, 0);
+    let size: f64 = linear.column_iter().map(|c| c.norm()).product();
+    let why = "is singular: its first three columns must not lie in a plane";
+    ensure(linear.determinant().abs() > 1e-3 * size, key, why)
+}
+
 fn check_manipulator(key: &str, manipulator: &Manipulator) -> Result<(), RigError> {
+    if let Some(coarse) = &manipulator.coarse {
+        check_map(&format!("{key}.coarse.matrix"), &coarse.matrix)?;
+        finite(&format!("{key}.coarse.joints_um"), &coarse.joints_um)?;
+        ensure(
+            coarse.error_um > 0.0 && coarse.error_um.is_finite(),
+            format!("{key}.coarse.error_um"),
+            "must be above 0",
+        )?;
+        ensure(coarse.error_deg >= 0.0, format!("{key}.coarse.error_deg"), "must not be negative")?;
+    }
     if let Some(registration) = &manipulator.registration {
-        let matrix_key = format!("{key}.registration.matrix");
-        let m = nalgebra::Matrix4::from_fn(|r, c| registration.matrix[r][c]);
-        finite(&matrix_key, m.as_slice())?;
-        ensure(registration.matrix[3] == [0.0, 0.0, 0.0, 1.0], &matrix_key, "must end with the row [0, 0, 0, 1]")?;
-        let linear = m.fixed_view::<3, 3>(0, 0);
-        let size: f64 = linear.column_iter().map(|c| c.norm()).product();
-        let why = "is singular: its first three columns must not lie in a plane";
-        ensure(linear.determinant().abs() > 1e-3 * size, &matrix_key, why)?;
+        check_map(&format!("{key}.registration.matrix"), &registration.matrix)?;
         let model = registration.model.as_str();
         let known = ["affine", "similarity", "rigid"].contains(&model);
         ensure(known, format!("{key}.registration.model"), "must be affine, similarity or rigid")?;

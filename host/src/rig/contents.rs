@@ -1,6 +1,9 @@
 //! What `rig.toml` holds, key by key. Lengths are µm and angles degrees, as the keys' names say.
 
+use super::markers::{CoarseRegistration, Markers};
 use super::names::{BoardId, Coordinate, Device, ManipulatorNumber};
+use crate::calibration::coarse::StereoCamera;
+use crate::frames::pacing::{Edge, Latency};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -37,9 +40,19 @@ pub struct Contents {
     /// Objectives by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub objectives: BTreeMap<String, Objective>,
+    /// How much higher all objectives stand than when they were calibrated: turns of the coarse focus knob, which no motor knows of.
+    /// It counts in every objective's κ.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub objective_height_um: f64,
     /// Manipulators `m1`, `m2`, …
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub manipulators: BTreeMap<ManipulatorNumber, Manipulator>,
+    /// The printed markers on the rig's bodies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub markers: Option<Markers>,
+    /// The stereo camera that sees them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stereo: Option<StereoCamera>,
     /// What tips must not run into.
     #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
     pub obstacles: Vec<Obstacle>,
@@ -93,6 +106,36 @@ pub struct Camera {
     /// A, once measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<CameraCalibration>,
+    /// How late its frames come, once measured; needed when it does not tell when it exposes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency: Option<CameraLatency>,
+}
+
+/// How late a camera's frames come, by sweeps in both directions at two speeds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraLatency {
+    /// From the middle of an exposure to the arrival at `edge`.
+    pub latency_ms: f64,
+    /// Standard error of it.
+    pub error_ms: f64,
+    /// Time between frames when it was measured; at another rate it does not hold.
+    pub period_ms: f64,
+    /// earliest or latest: the arrivals that keep the camera's pace best.
+    pub edge: Edge,
+    /// RFC 3339.
+    pub date: String,
+}
+
+impl CameraLatency {
+    /// As autofocus uses it.
+    pub fn in_force(&self) -> Latency {
+        Latency { late_us: self.latency_ms * 1000.0, period_us: self.period_ms * 1000.0, edge: self.edge }
+    }
+}
+
+fn is_zero(v: &f64) -> bool {
+    *v == 0.0
 }
 
 fn one() -> u32 {
@@ -153,6 +196,9 @@ pub struct Manipulator {
     /// `T_man_ref`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<Registration>,
+    /// `T_man_ref` by printed markers, good to a fraction of a millimetre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coarse: Option<CoarseRegistration>,
     /// The pipette's direction in ref.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pipette: Option<Pipette>,

@@ -19,6 +19,7 @@
 
 mod check;
 mod contents;
+mod markers;
 mod merge;
 mod names;
 mod update;
@@ -27,9 +28,10 @@ mod update;
 mod tests;
 
 pub use contents::{
-    Axis, Board, Camera, CameraCalibration, Contents, Manipulator, Moves, Objective, Obstacle, Pipette, Record,
-    Registration, SCHEMA, TipOffset, Um3, Zoom,
+    Axis, Board, Camera, CameraCalibration, CameraLatency, Contents, Manipulator, Moves, Objective, Obstacle, Pipette,
+    Record, Registration, SCHEMA, TipOffset, Um3, Zoom,
 };
+pub use markers::{CoarseRegistration, MARKERS, Markers};
 pub use names::{AxisName, BoardId, Coordinate, Device, ManipulatorNumber, NameError};
 pub use update::TipOffsetWarning;
 
@@ -125,7 +127,10 @@ impl Rig {
             axes: Default::default(),
             camera: None,
             objectives: Default::default(),
+            objective_height_um: 0.0,
             manipulators: Default::default(),
+            markers: None,
+            stereo: None,
             obstacles: Vec::new(),
         };
         Self { contents, text: None }

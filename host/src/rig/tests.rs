@@ -104,6 +104,27 @@ fn a_camera_calibration_and_a_new_objective_are_read_back() {
 }
 
 #[test]
+fn a_cameras_latency_is_read_back_and_nonsense_in_it_refused() {
+    let mut rig = Rig::parse(EDITED).unwrap();
+    assert_eq!(rig.contents().camera.as_ref().unwrap().latency, None, "files from before have none");
+    let latency = CameraLatency {
+        latency_ms: 152.3,
+        error_ms: 0.2,
+        period_ms: 33.333,
+        edge: crate::frames::pacing::Edge::Latest,
+        date: "2025-02-02T10:00:00Z".into(),
+    };
+    rig.contents_mut().camera.as_mut().unwrap().latency = Some(latency.clone());
+    let text = rig.to_text().unwrap();
+    assert!(EDITED.lines().all(|line| text.contains(line)) && text.contains("edge = \"latest\""), "{text}");
+    assert_eq!(Rig::parse(&text).unwrap().contents().camera.as_ref().unwrap().latency, Some(latency));
+    for (good, bad) in [("152.3", "nan"), ("152.3", "1e9"), ("33.333", "0"), ("33.333", "-1"), ("latest", "last")] {
+        let error = Rig::parse(&text.replacen(good, bad, 1)).unwrap_err().to_string();
+        assert!(error.contains("camera.latency"), "{bad}: {error}");
+    }
+}
+
+#[test]
 fn nonsense_is_refused_and_the_key_is_named() {
     let cases = [
         ("schema = 1", "schema = 2", "schema 2"),
@@ -160,11 +181,20 @@ fn a_file_edited_meanwhile_is_not_overwritten() {
 }
 
 #[test]
-fn the_focus_knob_moves_every_registration_in_z_only() {
+fn the_focus_knob_changes_one_number_and_counts_in_every_objective() {
+    use crate::calibration::chain::{Chain, Pixel};
     let mut rig = Rig::parse(EDITED).unwrap();
+    rig.contents_mut().camera.as_mut().unwrap().calibration =
+        Some(CameraCalibration { matrix_um_per_px: [[1.0, 0.0], [0.0, 1.0]], objective: None, record: record() });
+    let before = rig.to_text().unwrap();
+    let focus = |rig: &Rig| {
+        let middle = Pixel { x_px: 959.5, y_px: 599.5 };
+        Chain::of(rig).unwrap().pixel_to_ref(nalgebra::Vector3::zeros(), middle).coordinates.z
+    };
+    let z = focus(&rig);
     rig.shift_focus(3.0);
-    let text = rig.to_text().unwrap();
-    let changed = lines_changed(EDITED, &text);
-    assert_eq!(changed.len(), 1, "{changed:?}");
-    assert_eq!(rig.contents().manipulators.values().next().unwrap().registration.as_ref().unwrap().matrix[2][3], 4.0);
+    assert_eq!(lines_changed(&before, &rig.to_text().unwrap()), ["objective_height_um = 3.0"]);
+    assert_eq!(focus(&rig), z + 3.0);
+    rig.shift_focus(-3.0);
+    assert_eq!(rig.to_text().unwrap(), before);
 }

@@ -3,6 +3,7 @@
 use super::contents::{
     Axis, Board, CameraCalibration, Contents, Moves, Objective, Pipette, Registration, TipOffset, Um3, Zoom,
 };
+use super::markers::{CoarseRegistration, MARKERS};
 use super::names::{AxisName, BoardId, ManipulatorNumber};
 use super::{Rig, RigError};
 use std::fmt;
@@ -94,13 +95,27 @@ impl Rig {
         Ok(())
     }
 
-    /// Corrects all objectives' heights after the coarse focus knob was turned: what is in focus in ref moved by
-    /// `rise_um` in z at the same microscope position. The default objective has κ = 0 by definition, so it is
-    /// ref that moves: every registration does, by the opposite.
+    /// Corrects all objectives' heights after the coarse focus knob was turned: what is in focus lies `rise_um` higher in ref
+    /// than before at the same microscope position. Manipulators, obstacles and everything else in ref stay where they are.
     pub fn shift_focus(&mut self, rise_um: f64) {
-        for registration in self.contents.manipulators.values_mut().filter_map(|m| m.registration.as_mut()) {
-            registration.matrix[2][3] -= rise_um;
-        }
+        self.contents.objective_height_um += rise_um;
+    }
+
+    /// Puts a coarse registration beside the fine one, which it leaves as it is; with it the pipette's direction as the markers show it,
+    /// unless a better one is known. Says whether the direction was taken.
+    pub fn set_coarse(
+        &mut self,
+        number: ManipulatorNumber,
+        coarse: CoarseRegistration,
+        pipette: Option<Pipette>,
+    ) -> bool {
+        let manipulator = self.contents.manipulators.entry(number).or_default();
+        manipulator.coarse = Some(coarse);
+        let open = manipulator.pipette.as_ref().is_none_or(|p| p.source == MARKERS);
+        let taken = pipette.filter(|_| open);
+        let changed = taken.is_some();
+        manipulator.pipette = taken.or(manipulator.pipette.take());
+        changed
     }
 
     /// Puts a manipulator's registration in force. Tip offsets are counted from it, so the history starts anew.

@@ -1,9 +1,11 @@
 //! The axes of a rig by their names, whichever boards they are on.
 
+mod motions;
+
 use crate::link::transport::later;
 use crate::link::{Link, LinkError};
 use crate::rig::AxisName;
-use parfocal_protocol::message::{MotionId, Request, Response, Role, Status, Stop};
+use parfocal_protocol::message::{Event, MotionId, Request, Response, Role, Status, Stop};
 use parfocal_protocol::settings::AxisSettings;
 use parfocal_protocol::units::{Axis, HostTime, Micrometres, MicrometresPerSecond, PerAxis};
 use std::collections::BTreeMap;
@@ -188,22 +190,79 @@ impl Stage {
     /// # Errors
     /// [`LinkError::Stopped`] when one ended early, [`StageError::Interrupted`] when `keep_on` said so.
     pub fn wait(&mut self, motions: &[(usize, MotionId)], keep_on: &dyn Fn() -> bool) -> Result<(), StageError> {
-        for (board, motion) in motions {
-            loop {
-                if !keep_on() {
-                    self.stop(Stop::Decelerate);
-                    return Err(StageError::Interrupted);
+        self.wait_telling(motions, keep_on, &mut |_| {})
+    }
+
+    /// As [`Self::wait`], and hands over what the boards tell meanwhile.
+    ///
+    /// # Errors
+    /// As [`Self::wait`].
+    pub fn wait_telling(
+        &mut self,
+        motions: &[(usize, MotionId)],
+        keep_on: &dyn Fn() -> bool,
+        told: &mut dyn FnMut(Event),
+    ) -> Result<(), StageError> {
+        let mut pending = motions.to_vec();
+        loop {
+            if !keep_on() {
+                self.stop(Stop::Decelerate);
+                return Err(StageError::Interrupted);
+            }
+            // Every board is asked each time: one that hears nothing stops by itself.
+            if let Err(error) = self.still_moving(&mut pending, told) {
+                // The other boards know nothing of it.
+                self.stop(Stop::Decelerate);
+                return Err(error);
+            }
+            if pending.is_empty() {
+                return Ok(());
+            }
+            self.listen(&pending, POLL_MS, told)?;
+        }
+    }
+
+    /// Keeps of these motions those that are not over.
+    ///
+    /// # Errors
+    /// [`LinkError::Stopped`] when one ended early.
+    fn still_moving(
+        &mut self,
+        motions: &mut Vec<(usize, MotionId)>,
+        told: &mut dyn FnMut(Event),
+    ) -> Result<(), StageError> {
+        let mut going = Vec::new();
+        for (board, motion) in motions.drain(..) {
+            let link = &mut self.boards[board];
+            let status = status(link)?;
+            if let (true, Some(cause)) = (status.motion == motion, status.stopped) {
+                return Err(LinkError::Stopped(cause).into());
+            }
+            if status.motion > motion || status.in_position {
+                // What was told before the status came in counts, too.
+                let now = link.now();
+                while let Some(event) = link.event(now)? {
+                    told(event);
                 }
-                let link = &mut self.boards[*board];
-                let status = status(link)?;
-                if let (true, Some(cause)) = (status.motion == *motion, status.stopped) {
-                    return Err(LinkError::Stopped(cause).into());
-                }
-                if status.motion > *motion || status.in_position {
-                    break;
-                }
-                let until = later(link.now(), POLL_MS);
-                while link.event(until)?.is_some() {}
+            } else {
+                going.push((board, motion));
+            }
+        }
+        *motions = going;
+        Ok(())
+    }
+
+    /// Takes what the boards of these motions tell, for so long.
+    fn listen(
+        &mut self,
+        motions: &[(usize, MotionId)],
+        ms: u64,
+        told: &mut dyn FnMut(Event),
+    ) -> Result<(), StageError> {
+        let until = later(self.now(), ms);
+        for (board, _) in motions {
+            while let Some(event) = self.boards[*board].event(until)? {
+                told(event);
             }
         }
         Ok(())

@@ -3,7 +3,7 @@
 use super::Session;
 use crate::autofocus::ScanId;
 use crate::settings::Side;
-use crate::units::{Axis, Nanometres};
+use crate::units::{Axis, BoardTime, Nanometres};
 use postcard::experimental::max_size::MaxSize;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -77,6 +77,18 @@ pub enum Refusal {
     CannotSave,
     /// The board's build cannot do this.
     Unsupported,
+    /// The steps of this axis cannot give camera pulses.
+    NoTrigger {
+        /// The axis.
+        axis: Axis,
+    },
+    /// A frame's time that a sweep has no place for: exposed before the leg that runs, before the frame told last, or not yet.
+    WrongTime {
+        /// Earliest time that is welcome.
+        earliest: BoardTime,
+        /// Latest one: now.
+        latest: BoardTime,
+    },
 }
 
 /// Fields that [`Refusal::OutOfRange`] names.

@@ -38,6 +38,13 @@ pub enum Response {
         /// The board's time when this left.
         answered: BoardTime,
     },
+    /// To [`super::Request::AutofocusSweepSample`].
+    Swept {
+        /// Where the axis was in the middle of the frame's exposure, by the board's own record of steps.
+        z: Nanometres,
+        /// Where the scan stands now.
+        state: ScanState,
+    },
 }
 
 /// Counts motions since the board started; 0 is none.

@@ -67,6 +67,19 @@ impl Optics {
         kernel: Kernel::Disc,
     };
 
+    /// A 4x/0.1 dry objective, scaled likewise.
+    pub const DRY_4X: Self = Self {
+        body_radius_um: 5.536,
+        body_slope: 0.1005,
+        edge_radius_um: 9.088,
+        edge_slope: 0.0125,
+        edge_gain: -4.98,
+        edge_depth_um: 153.3,
+        edge_null_um: 93.6,
+        edge_spread: 1.327,
+        kernel: Kernel::Disc,
+    };
+
     /// Blur radius (µm) of a dark body `defocus_um` above or below focus.
     pub fn body_blur_um(&self, defocus_um: f64) -> f64 {
         self.body_radius_um.hypot(self.body_slope * defocus_um)

@@ -4,6 +4,7 @@
 //! The renderer casts rays through each sub-pixel of a marker's surroundings; it shares no code with the registration that
 //! reads its pictures, not even the way that lens distortion is undone. Lengths are mm. A pixel's centre has whole coordinates.
 
+pub mod bench;
 mod finish;
 mod lens;
 
@@ -108,11 +109,17 @@ pub fn render(scene: &Scene, camera: &Camera, finish: &Finish, seed: u64) -> Vec
         }
     }
     for (i, value) in sum.iter_mut().enumerate().filter(|(i, _)| touched[*i]) {
+        let (x, y) = (i % w, i / w);
+        let here: Vec<&Seen<'_>> = prints.iter().filter(|s| s.covers(x, y)).collect();
+        // Within a pixel a lens bends rays by less than 1e-4 px more than this.
+        let ray = |dx: f64, dy: f64| camera.lens.ray([x as f64 + dx, y as f64 + dy]);
+        let (middle, right, below) = (ray(0.0, 0.0), ray(0.5, 0.0), ray(0.0, 0.5));
         let mut light = 0.0;
         for sub in 0..FINE * FINE {
-            let offset = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
-            let px = [(i % w) as f64 + offset(sub % FINE), (i / w) as f64 + offset(sub / FINE)];
-            light += reflectance(camera.lens.ray(px), &prints, &discs);
+            let offset = |k: usize| 2.0 * ((k as f64 + 0.5) / FINE as f64 - 0.5);
+            let (u, v) = (offset(sub % FINE), offset(sub / FINE));
+            let along = |k: usize| middle[k] + u * (right[k] - middle[k]) + v * (below[k] - middle[k]);
+            light += reflectance([along(0), along(1)], &here, &discs);
         }
         *value = light / (FINE * FINE) as f32;
     }
@@ -120,7 +127,7 @@ pub fn render(scene: &Scene, camera: &Camera, finish: &Finish, seed: u64) -> Vec
 }
 
 /// What a ray from the camera's centre along (x, y, 1) meets first.
-fn reflectance(ray: [f64; 2], prints: &[Seen<'_>], discs: &[([f64; 3], &Occluder)]) -> f32 {
+fn reflectance(ray: [f64; 2], prints: &[&Seen<'_>], discs: &[([f64; 3], &Occluder)]) -> f32 {
     let mut nearest = f64::INFINITY;
     let mut value = BACKGROUND;
     for print in prints {
@@ -174,6 +181,12 @@ impl<'a> Seen<'a> {
             to_print: to_camera.inverse(),
             area: area_of(&corners, camera),
         })
+    }
+
+    /// Whether the print may touch this pixel.
+    fn covers(&self, x: usize, y: usize) -> bool {
+        let [left, top, right, bottom] = self.area;
+        (left..right).contains(&x) && (top..bottom).contains(&y)
     }
 
     /// Depth and colour of the print where the ray meets it.

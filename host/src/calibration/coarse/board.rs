@@ -6,6 +6,7 @@
 
 mod adjust;
 mod corners;
+mod start;
 
 use super::camera::{Lens, Side, StereoCamera};
 use super::edges::Grey;
@@ -148,6 +149,14 @@ pub struct BoardCalibration {
     pub left_out: Vec<Place>,
 }
 
+/// What the corners say.
+pub(super) struct Fit {
+    camera: StereoCamera,
+    rms_px: f64,
+    standard_errors: [[f64; 8]; 2],
+    pair_rms_px: Vec<f64>,
+}
+
 /// A marker's corners in one picture, and on the board.
 pub(super) struct Corner {
     pair: usize,
@@ -239,7 +248,7 @@ fn check_sizes(pairs: &[Pair]) -> Result<[usize; 2], BoardError> {
     Ok(expected)
 }
 
-fn check(fit: &adjust::Fit, used: &[&Pair]) -> Result<(), BoardError> {
+fn check(fit: &Fit, used: &[&Pair]) -> Result<(), BoardError> {
     let mut sorted = fit.pair_rms_px.clone();
     sorted.sort_by(f64::total_cmp);
     let typical = sorted[sorted.len() / 2];

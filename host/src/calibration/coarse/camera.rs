@@ -26,6 +26,9 @@ impl std::fmt::Display for Side {
     }
 }
 
+/// Two rows, a column for each of a lens's numbers.
+pub type Matrix2x8 = nalgebra::SMatrix<f64, 2, 8>;
+
 /// A pinhole lens with radial and tangential distortion (Brown 1966). Focal lengths and principal point in px,
 /// (0, 0) the centre of the top-left pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -84,6 +87,30 @@ impl Lens {
             }
         }
         d
+    }
+
+    /// All its numbers in the order of the fields.
+    pub fn numbers(&self) -> [f64; 8] {
+        [self.fx, self.fy, self.cx, self.cy, self.k1, self.k2, self.p1, self.p2]
+    }
+
+    /// A lens of these numbers, in the order of the fields.
+    pub fn from_numbers([fx, fy, cx, cy, k1, k2, p1, p2]: [f64; 8]) -> Self {
+        Self { fx, fy, cx, cy, k1, k2, p1, p2 }
+    }
+
+    /// The change of [`Self::pixel`] with each of the lens's numbers.
+    pub fn slope_by_numbers(&self, direction: Vector2<f64>) -> Matrix2x8 {
+        let (x, y, d) = (direction.x, direction.y, self.bend(direction));
+        let r2 = x * x + y * y;
+        let (a, b) = (self.fx, self.fy);
+        Matrix2x8::from_row_slice(
+            &[
+                [d.x, 0.0, 1.0, 0.0, a * x * r2, a * x * r2 * r2, 2.0 * a * x * y, a * (r2 + 2.0 * x * x)],
+                [0.0, d.y, 0.0, 1.0, b * y * r2, b * y * r2 * r2, b * (r2 + 2.0 * y * y), 2.0 * b * x * y],
+            ]
+            .concat(),
+        )
     }
 
     fn bend(&self, d: Vector2<f64>) -> Vector2<f64> {

@@ -1,75 +1,102 @@
-//! Nonlinear least squares after Levenberg (1944) and Marquardt (1963), slopes by differences. The crate `levenberg-marquardt` does
-//! this too, for the nalgebra release before the one used here.
+//! Nonlinear least squares after Levenberg (1944) and Marquardt (1963) over any kind of unknowns: whoever asks says how a step moves them. The
+//! crate `levenberg-marquardt` does this too, for the nalgebra release before the one used here, and wants the slopes as one dense matrix.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Where the sum of squares is least.
-pub(super) struct Minimum {
-    pub parameters: DVector<f64>,
+/// Least squares at one place: residuals' squares, slopes' products.
+pub(super) struct Equations {
     /// Sum of squared residuals.
     pub cost: f64,
     /// Residuals' slopes, transposed, times themselves.
     pub normal: DMatrix<f64>,
+    /// Residuals' slopes, transposed, times the residuals.
+    pub gradient: DVector<f64>,
 }
 
-/// Steps taken at most, and the share of the cost below which a gain ends the search.
-const ROUNDS: usize = 60;
-const GAIN: f64 = 1e-10;
+/// What is fitted: unknowns that a vector of small steps moves.
+pub(super) trait Problem {
+    type Unknowns: Clone;
 
-/// Minimises the sum of squares of `residuals`, which are `None` where they cannot be computed. `steps`: a small change of each parameter.
-pub(super) fn minimise(
-    start: DVector<f64>,
-    steps: &DVector<f64>,
-    residuals: impl Fn(&DVector<f64>) -> Option<DVector<f64>>,
-) -> Option<Minimum> {
+    /// The equations at some unknowns; `None` where they have no meaning.
+    fn equations(&self, at: &Self::Unknowns) -> Option<Equations>;
+
+    /// The sum of squares alone.
+    fn cost(&self, at: &Self::Unknowns) -> Option<f64>;
+
+    /// The unknowns moved.
+    fn moved(&self, at: &Self::Unknowns, by: &DVector<f64>) -> Self::Unknowns;
+}
+
+/// Where the sum of squares is least.
+pub(super) struct Minimum<X> {
+    pub unknowns: X,
+    /// The equations there.
+    pub equations: Equations,
+}
+
+/// Steps at most, and the share of the cost below which a gain ends the search.
+const STEPS: usize = 100;
+const GAIN: f64 = 1e-9;
+/// Damping beyond which nothing moves any more.
+const STUCK: f64 = 1e12;
+
+/// Minimises a problem's sum of squares. `None` when it has no meaning at the start.
+pub(super) fn minimise<P: Problem>(problem: &P, start: P::Unknowns) -> Option<Minimum<P::Unknowns>> {
     let mut x = start;
-    let mut now = residuals(&x)?;
+    let mut now = problem.equations(&x)?;
     let mut damping = 1e-4;
-    loop {
-        let mut slopes = DMatrix::zeros(now.len(), x.len());
-        for k in 0..x.len() {
-            let mut shifted = x.clone();
-            shifted[k] += steps[k];
-            slopes.set_column(k, &((residuals(&shifted)? - &now) / steps[k]));
-        }
-        let normal = slopes.tr_mul(&slopes);
-        let gradient = slopes.tr_mul(&now);
-        let cost = now.norm_squared();
-        let mut better = None;
-        for _ in 0..ROUNDS {
-            let damped = &normal + DMatrix::from_diagonal(&normal.diagonal().map(|d| (d * damping).max(1e-12)));
-            let next = damped.cholesky().map(|c| &x - c.solve(&gradient));
-            let found = next.and_then(|next| residuals(&next).map(|r| (next, r)));
-            if let Some((next, r)) = found
-                && r.norm_squared() < cost
-            {
-                better = Some((next, r));
-                damping = (damping / 10.0f64).max(1e-12);
-                break;
+    for _ in 0..STEPS {
+        let better = loop {
+            let damped = &now.normal + DMatrix::from_diagonal(&now.normal.diagonal().map(|d| (d * damping).max(1e-12)));
+            let next = damped.cholesky().map(|c| problem.moved(&x, &-c.solve(&now.gradient)));
+            let found = next.and_then(|next| problem.cost(&next).map(|cost| (next, cost)));
+            match found {
+                Some((next, cost)) if cost < now.cost => break Some((next, cost)),
+                _ if damping > STUCK => break None,
+                _ => damping *= 10.0,
             }
-            if damping > 1e12 {
-                break;
-            }
-            damping *= 10.0;
-        }
-        let Some((next, r)) = better else { return Some(Minimum { parameters: x, cost, normal }) };
-        let gain = cost - r.norm_squared();
-        (x, now) = (next, r);
+        };
+        let Some((next, cost)) = better else { break };
+        damping = (damping / 10.0).max(1e-12);
+        let gain = now.cost - cost;
+        (x, now) = (next.clone(), problem.equations(&next)?);
         if gain < GAIN * cost {
-            return Some(Minimum { parameters: x, cost: now.norm_squared(), normal });
+            break;
         }
     }
+    Some(Minimum { unknowns: x, equations: now })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Rosenbrock's function as a sum of two squares.
+    struct Valley;
+
+    impl Problem for Valley {
+        type Unknowns = [f64; 2];
+
+        fn equations(&self, [x, y]: &[f64; 2]) -> Option<Equations> {
+            let residuals = DVector::from_vec(vec![10.0 * (y - x * x), 1.0 - x]);
+            let slopes = DMatrix::from_row_slice(2, 2, &[-20.0 * x, 10.0, -1.0, 0.0]);
+            let (normal, gradient) = (slopes.tr_mul(&slopes), slopes.tr_mul(&residuals));
+            Some(Equations { cost: residuals.norm_squared(), normal, gradient })
+        }
+
+        fn cost(&self, at: &[f64; 2]) -> Option<f64> {
+            self.equations(at).map(|e| e.cost)
+        }
+
+        fn moved(&self, at: &[f64; 2], by: &DVector<f64>) -> [f64; 2] {
+            [at[0] + by[0], at[1] + by[1]]
+        }
+    }
+
     #[test]
     fn rosenbrocks_valley_is_followed_to_its_end() {
-        let valley = |x: &DVector<f64>| Some(DVector::from_vec(vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]));
-        let steps = DVector::from_element(2, 1e-7);
-        let found = minimise(DVector::from_vec(vec![-1.2, 1.0]), &steps, valley).unwrap();
-        assert!((found.parameters - DVector::from_element(2, 1.0)).norm() < 1e-5 && found.cost < 1e-10);
+        let found = minimise(&Valley, [-1.2, 1.0]).unwrap();
+        let [x, y] = found.unknowns;
+        assert!((x - 1.0).abs() < 1e-5 && (y - 1.0).abs() < 1e-5 && found.equations.cost < 1e-10, "{x} {y}");
     }
 }

@@ -240,7 +240,10 @@ fn mean<const D: usize>(points: &[SVector<f64, D>]) -> SVector<f64, D> {
 
 /// Searches with a known tolerance and weighs the best against its rivals.
 fn conclude<const D: usize>(search: &mut Search<'_, D>, tolerance: f64) -> Result<Solution<D>, SolveError> {
-    let (candidates, draws, exhaustive) = search.run(tolerance);
+    let (mut candidates, draws, exhaustive) = search.run(tolerance);
+    if let Some(best) = candidates.first_mut() {
+        search.take_back(best, tolerance);
+    }
     let Some(best) = candidates.first() else {
         return Err(SolveError::Degenerate { model: search.model.name() });
     };

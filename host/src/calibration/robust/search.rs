@@ -17,10 +17,15 @@ const MOST_LEVERAGE: f64 = 4.0;
 const CONFIDENCE: f64 = 1.0 - 1e-5;
 /// Draws after which random sampling ends in any case.
 const MOST_DRAWS: u64 = 5_000;
+/// A point just outside is taken back up to this many tolerances squared when the fit with it leaves nothing outside: where wrong points
+/// may lie anywhere, one so near is far likelier to be noise.
+const NEAR: f64 = 1.69;
 /// The tolerance, in standard deviations of the noise in one coordinate.
 pub const TOLERANCE_SIGMAS: f64 = 4.0;
 /// Largest share of a point's cost that the prior may charge for one axis: it breaks ties, it does not overrule points.
 const PRIOR_CAP: f64 = 1.0;
+/// Most that one axis' length counts when sets of inliers are weighed.
+const SURPRISE_CAP: f64 = 25.0;
 /// Maps whose costs differ by less than this share of an outlier explain the points as well as each other.
 const TIE: f64 = 0.2;
 /// An axis resting on one point is doubted beyond this many standard deviations from the prior.
@@ -187,6 +192,29 @@ impl<'a, const D: usize> Search<'a, D> {
         Some(Candidate { fit, chosen, cost })
     }
 
+    /// Takes back points that lie just outside, one by one, the nearest first.
+    pub fn take_back(&self, candidate: &mut Candidate<D>, tolerance: f64) {
+        let limit = tolerance * tolerance;
+        while candidate.chosen.len() < self.src.len() {
+            let scaled = |i: usize| {
+                let r2 = (self.dst[i] - candidate.fit.map.apply(&self.src[i])).norm_squared();
+                r2 / (1.0 + candidate.fit.leverage(&self.src[i]).min(MOST_LEVERAGE))
+            };
+            let outside = (0..self.src.len()).filter(|i| candidate.chosen.binary_search(i).is_err());
+            let nearest = outside.map(|i| (scaled(i), i)).min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((_, i)) = nearest.filter(|(r2, _)| *r2 <= NEAR * limit) else { return };
+            let mut chosen = candidate.chosen.clone();
+            chosen.insert(chosen.partition_point(|k| *k < i), i);
+            let Some(fit) = self.model.fit(self.src, self.dst, &chosen) else { return };
+            let fits = |k: &usize| (self.dst[*k] - fit.map.apply(&self.src[*k])).norm_squared() <= limit;
+            if !chosen.iter().all(fits) {
+                return;
+            }
+            let cost = self.cost(&fit, &chosen, tolerance);
+            *candidate = Candidate { fit, chosen, cost };
+        }
+    }
+
     /// Truncated squared residuals in outliers, and the prior's charge.
     fn cost(&self, fit: &Fit<D>, chosen: &[usize], tolerance: f64) -> f64 {
         let limit = tolerance * tolerance;
@@ -199,6 +227,13 @@ impl<'a, const D: usize> Search<'a, D> {
                 .sum(),
         };
         inside + (self.src.len() - chosen.len()) as f64 + prior
+    }
+
+    /// Squared standard deviations that the axes' lengths are from what the prior expects, when the noise has this one; each at most
+    /// [`SURPRISE_CAP`], so that a wrong prior costs little.
+    pub fn surprise(&self, fit: &Fit<D>, sigma: f64) -> f64 {
+        let Some(prior) = self.prior else { return 0.0 };
+        (0..D).map(|axis| deviation(fit, axis, prior, sigma * TOLERANCE_SIGMAS).powi(2).min(SURPRISE_CAP)).sum()
     }
 
     /// Another map that explains the points as well as the best.

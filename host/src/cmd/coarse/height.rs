@@ -6,8 +6,10 @@ use clap::{ArgGroup, Args};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use parfocal::calibration::coarse::objective::{from_tip, from_view};
 use parfocal::calibration::coarse::{Degrees, MarkerPose, Millimetres};
+use parfocal::rig::Rig;
 use serde::Deserialize;
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// The objective's height after a turn of the coarse focus knob: from one focused tip, or from the coarse view before and after
@@ -32,6 +34,12 @@ pub struct Arguments {
     /// The objective's marker
     #[arg(long, value_name = "ID")]
     marker: Option<u16>,
+    /// The rig, in whose file the new height is put in force
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Leave the rig's file as it is
+    #[arg(long)]
+    dry_run: bool,
     /// By how much the motors moved the objective in between, in ref: x,y,z
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", value_parser = three, allow_hyphen_values = true)]
     motors_um: Three,
@@ -67,9 +75,26 @@ pub fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
             from_view(&before, &after, arguments.motors_um.0, &over)?
         }
     };
-    let text =
-        format!("the objective stands {:+.1} µm higher than calibrated (± {:.1} µm)", change.z_um, change.error_um);
-    out.result(&text, &change)
+    let mut text =
+        format!("the objective stands {:+.1} µm higher than calibrated (± {:.1} µm)\n", change.z_um, change.error_um);
+    let mut value = serde_json::json!(change);
+    if let Some(path) = &arguments.rig {
+        let mut rig = Rig::load(path)?;
+        rig.shift_focus(change.z_um);
+        let height_um = rig.contents().objective_height_um;
+        value["objective_height_um"] = height_um.into();
+        if arguments.dry_run {
+            let _ = writeln!(text, "{} stays as it was (--dry-run).", path.display());
+        } else {
+            rig.save(path)?;
+            let _ = writeln!(
+                text,
+                "In force in {}: objective_height_um = {height_um:.1}; all else stands.",
+                path.display()
+            );
+        }
+    }
+    out.result(&text, &value)
 }
 
 /// What of `calibrate coarse --json` is needed.

@@ -1,14 +1,13 @@
 //! Learning what markers carry, and using it.
 
 use super::super::Output;
-use super::{Arguments, placing, stereo};
+use super::{Arguments, force, placing};
 use anyhow::{Context, anyhow, bail};
 use nalgebra::{Matrix3, Point3, Vector3};
 use parfocal::calibration::coarse::learn::fine::{self, Fine, Objective};
-use parfocal::calibration::coarse::learn::{self, Click, Learned, Now, moves};
+use parfocal::calibration::coarse::learn::{self, Click, Learned, moves};
 use parfocal::calibration::coarse::{Degrees, MarkerId};
 use serde::Deserialize;
-use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -57,17 +56,7 @@ struct FineRow {
     psi_deg: Option<f64>,
 }
 
-/// The file given to `--now`.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct NowFile {
-    #[serde(default)]
-    microscope_um: [f64; 3],
-    #[serde(default)]
-    joints_um: BTreeMap<u16, [f64; 3]>,
-}
-
-fn read<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::Result<T> {
+pub(super) fn read<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::Result<T> {
     let text = std::fs::read_to_string(file).with_context(|| format!("{}: cannot be read", file.display()))?;
     serde_json::from_str(&text).with_context(|| format!("{}: is not of the form in docs/coarse.md", file.display()))
 }
@@ -77,17 +66,20 @@ pub(super) fn run(arguments: &Arguments, file: &Path, out: Output) -> anyhow::Re
     if session.sets.is_empty() {
         bail!("{}: names no sets of pictures", file.display());
     }
-    let Some(camera) = &arguments.stereo else { bail!("clicks and pictures need the stereo camera: give --stereo") };
-    let camera = stereo::read(camera)?;
+    let mut rig = arguments.load_rig()?;
+    let camera = arguments.stereo(rig.as_ref())?;
+    let height_um = rig.as_ref().map_or(0.0, |rig| rig.contents().objective_height_um);
     let folder = file.parent().unwrap_or(Path::new("."));
     let mut stops: BTreeMap<MarkerId, Vec<moves::Stop>> = BTreeMap::new();
     let mut objective = None;
     for set in &session.sets {
         let name = set.pairs.display().to_string();
-        let seen = placing::from_pairs(arguments, &folder.join(&set.pairs)).with_context(|| format!("set {name}"))?;
+        let seen = placing::from_pairs(arguments, rig.as_ref(), &folder.join(&set.pairs))
+            .with_context(|| format!("set {name}"))?;
         if let (None, Some(marker)) = (&objective, session.objective) {
             let pose = *seen.markers.get(&marker).ok_or_else(|| not_placed(marker, &name))?;
-            objective = Some(Objective { marker, pose, microscope_um: Vector3::from(set.microscope_um) });
+            let microscope_um = Vector3::from(set.microscope_um) + Vector3::z() * height_um;
+            objective = Some(Objective { marker, pose, microscope_um });
         }
         for (id, stop) in &set.manipulators {
             let marker = MarkerId(*id);
@@ -121,7 +113,12 @@ pub(super) fn run(arguments: &Arguments, file: &Path, out: Output) -> anyhow::Re
         std::fs::write(file, serde_json::to_string_pretty(&value)? + "\n")
             .with_context(|| format!("{}: cannot be written", file.display()))?;
     }
-    out.result(&to_text(&learned), &value)
+    let mut text = to_text(&learned);
+    if let Some(rig) = &mut rig {
+        force::keep_learned(arguments, rig, learned, session.objective)?;
+        text.push_str(&arguments.save(rig)?);
+    }
+    out.result(&text, &value)
 }
 
 fn not_placed(marker: MarkerId, set: &str) -> learn::LearnError {
@@ -154,36 +151,4 @@ fn to_text(learned: &Learned) -> String {
         let _ = writeln!(text, "marker {id}: focal point at {:.2} {:.2} {:.2} mm", t.x, t.y, t.z);
     }
     text
-}
-
-/// Adds each manipulator's registration to what is printed.
-pub(super) fn place(
-    found: &parfocal::calibration::coarse::Registration,
-    learned: &Path,
-    now: &Path,
-    value: &mut Value,
-    text: &mut String,
-) -> anyhow::Result<()> {
-    let learned: Learned = read(learned)?;
-    let now: NowFile = read(now)?;
-    let now = Now {
-        microscope_um: Vector3::from(now.microscope_um),
-        joints_um: now.joints_um.into_iter().map(|(id, j)| (MarkerId(id), Vector3::from(j))).collect(),
-    };
-    let placed = learn::place(found, &learned, &now)?;
-    let mut rows = serde_json::Map::new();
-    for (id, m) in &placed {
-        let angle = |d: Option<Degrees>| d.map_or("unknown".into(), |d| d.to_string());
-        let _ = writeln!(
-            text,
-            "manipulator of marker {id}: Θ {}, ψ {} (± {}), tip good to {}",
-            angle(m.theta),
-            angle(m.psi),
-            m.direction_error,
-            m.tip_error
-        );
-        rows.insert(id.to_string(), json!(m));
-    }
-    value["manipulators"] = Value::Object(rows);
-    Ok(())
 }

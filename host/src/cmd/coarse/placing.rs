@@ -1,10 +1,11 @@
 //! Markers placed relative to the substrate's, from pictures or from another tracker's poses.
 
 use super::super::Output;
-use super::{Arguments, learning, pairs, stereo};
+use super::{Arguments, force, pairs};
 use anyhow::{Context, bail};
 use parfocal::calibration::coarse::poses::{self, Tracker};
 use parfocal::calibration::coarse::{Degrees, MarkerId, Millimetres, Registration, Settings, graph, register};
+use parfocal::rig::Rig;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -15,30 +16,30 @@ pub(super) fn id_and_size(text: &str) -> Result<(u16, f64), String> {
     parts.ok_or_else(|| format!("'{text}' is no marker's size: write ID=MM, as in 3=12.5"))
 }
 
-pub(super) fn settings(a: &Arguments) -> Settings {
+pub(super) fn settings(a: &Arguments, rig: Option<&Rig>) -> Settings {
     Settings {
         tag_mm_of: a.tag_mm_of.iter().map(|(id, mm)| (MarkerId(*id), *mm)).collect(),
         gamma: a.gamma,
-        ..Settings::new(a.tag_mm, MarkerId(a.substrate))
+        ..Settings::new(a.tag_mm(rig), a.substrate(rig))
     }
 }
 
 /// Registers the pairs of a folder.
-pub(super) fn from_pairs(arguments: &Arguments, folder: &Path) -> anyhow::Result<Registration> {
-    let Some(file) = &arguments.stereo else { bail!("pictures need the stereo camera: give --stereo stereo.json") };
-    let camera = stereo::read(file)?;
+pub(super) fn from_pairs(arguments: &Arguments, rig: Option<&Rig>, folder: &Path) -> anyhow::Result<Registration> {
+    let camera = arguments.stereo(rig)?;
     let pairs = pairs::read(folder)?;
     if pairs.len() < 2 {
         eprintln!(
             "one place only: markers hidden there are missed, and nothing shows a wrong pose; two places are better"
         );
     }
-    Ok(register(&pairs, &camera, &settings(arguments))?)
+    Ok(register(&pairs, &camera, &settings(arguments, rig))?)
 }
 
 pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
+    let mut rig = arguments.load_rig()?;
     let found = match (&arguments.pairs, &arguments.poses) {
-        (Some(folder), _) => from_pairs(arguments, folder)?,
+        (Some(folder), _) => from_pairs(arguments, rig.as_ref(), folder)?,
         (None, Some(file)) => {
             let text = std::fs::read_to_string(file).with_context(|| format!("{}: cannot be read", file.display()))?;
             let (position, orientation) = (Millimetres(arguments.tracker_mm), Degrees(arguments.tracker_deg));
@@ -47,7 +48,7 @@ pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
             }
             let views = poses::read(&text, Tracker { position, orientation });
             let views = views.with_context(|| format!("{}", file.display()))?;
-            graph::solve(&views, MarkerId(arguments.substrate))?
+            graph::solve(&views, arguments.substrate(rig.as_ref()))?
         }
         (None, None) => bail!("nothing to register: give --pairs or --poses"),
     };
@@ -62,9 +63,7 @@ pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
     }
     let mut value = to_json(&found);
     let mut text = to_text(&found);
-    if let (Some(learned), Some(now)) = (&arguments.learned, &arguments.now) {
-        learning::place(&found, learned, now, &mut value, &mut text)?;
-    }
+    force::place(arguments, &found, rig.as_mut(), &mut value, &mut text)?;
     if let Some(file) = &arguments.out {
         std::fs::write(file, serde_json::to_string(&value)? + "\n")
             .with_context(|| format!("{}: cannot be written", file.display()))?;

@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
     let svg = if arguments.print_board {
         sheet::board(&stereo::board(arguments))?
     } else {
-        sheet::markers(&arguments.ids.0, arguments.tag_mm)?
+        sheet::markers(&arguments.ids.0, arguments.tag_mm(arguments.load_rig()?.as_ref()))?
     };
     match &arguments.out {
         Some(file) => {

@@ -92,6 +92,12 @@ impl<'a, P: Pixel> Plane<'a, P> {
         (0..self.height).map(|y| self.row(y))
     }
 
+    /// From one row's start to the next one's, in pixels.
+    #[inline(always)]
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
     /// `ROWS` neighbouring rows, the first of them `y`.
     #[inline(always)]
     pub fn band<const ROWS: usize>(&self, y: usize) -> [&'a [P]; ROWS] {

@@ -1,153 +1,179 @@
-//! Lenses, the cameras' relative pose and the board's poses, adjusted to all corners at once.
+//! Lenses, the cameras' relative pose and the board's poses, adjusted to all corners at once (Triggs et al. 2000).
 
 use super::super::camera::{Lens, Side, StereoCamera};
 use super::super::fit::nudge;
-use super::super::lm::minimise;
-use super::Corner;
-use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector6,
-};
+use super::super::lm::{Equations, Problem, minimise};
+use super::start::{Guess, guess};
+use super::{Corner, Fit};
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, SMatrix, SVector, Vector6};
 
-/// What the corners say.
-pub(super) struct Fit {
-    pub camera: StereoCamera,
-    pub rms_px: f64,
-    pub standard_errors: [[f64; 8]; 2],
-    pub pair_rms_px: Vec<f64>,
+/// Numbers of a lens, of a pose, and before the board's poses: two lenses, one relative pose.
+const LENS: usize = 8;
+const POSE: usize = 6;
+const CAMERAS: usize = 2 * LENS + POSE;
+/// Unknowns that one corner depends on, the relative pose only in the right picture.
+const ONE: usize = LENS + 2 * POSE;
+
+/// What is adjusted.
+#[derive(Clone)]
+struct Unknowns {
+    lenses: [Lens; 2],
+    /// Left camera to right camera.
+    right: Isometry3<f64>,
+    /// Board to left camera, for each pair.
+    boards: Vec<Isometry3<f64>>,
 }
 
-/// Numbers before the board's poses: two lenses, one relative pose.
-const CAMERAS: usize = 8 + 8 + 6;
+/// The corners to be explained.
+struct Bundle<'a> {
+    corners: &'a [Corner],
+}
 
 /// `None` when no cameras explain the corners.
 pub(super) fn adjust(corners: &[Corner], image_size: [usize; 2], pairs: usize) -> Option<Fit> {
-    let centre = Vector2::new((image_size[0] as f64 - 1.0) / 2.0, (image_size[1] as f64 - 1.0) / 2.0);
-    let mut lenses = Vec::new();
-    let mut boards = Vec::new();
-    for side in Side::BOTH {
-        let maps: Vec<Matrix3<f64>> =
-            (0..pairs).map(|k| homography(corners, k, side, centre)).collect::<Option<_>>()?;
-        let f = focal(&maps, image_size);
-        lenses.push(Lens { fx: f, fy: f, cx: centre.x, cy: centre.y, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 });
-        boards.push(maps.iter().map(|h| board_pose(h, f)).collect::<Option<Vec<_>>>()?);
-    }
-    // The pair whose two poses agree best with the others' says first how the cameras stand to each other.
-    let between: Vec<Isometry3<f64>> = (0..pairs).map(|k| boards[1][k] * boards[0][k].inverse()).collect();
-    let off = |a: &Isometry3<f64>| between.iter().map(|b| (a.rotation.angle_to(&b.rotation)).min(0.2)).sum::<f64>();
-    let first = *between.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    let start = [&lenses[0], &lenses[1]].map(numbers).concat();
-    let start =
-        DVector::from_iterator(CAMERAS + 6 * pairs, start.into_iter().chain(std::iter::repeat_n(0.0, 6 + 6 * pairs)));
-    let pose = |x: &DVector<f64>, at: usize, from: &Isometry3<f64>| {
-        nudge(from, &Vector6::from_iterator(x.rows(at, 6).iter().copied()))
-    };
-    let residuals = |x: &DVector<f64>| {
-        let lenses = [lens(x, 0), lens(x, 8)];
-        let right = pose(x, 16, &first);
-        let poses: Vec<_> = (0..pairs).map(|k| pose(x, CAMERAS + 6 * k, &boards[0][k])).collect();
-        let mut out = DVector::zeros(2 * corners.len());
-        for (k, c) in corners.iter().enumerate() {
-            let mut p = poses[c.pair] * Point3::new(c.model.x, c.model.y, 0.0);
-            if c.side == Side::Right {
-                p = right * p;
-            }
-            if p.z < 1.0 {
-                return None;
-            }
-            let miss = lenses[c.side as usize].pixel(Vector2::new(p.x / p.z, p.y / p.z)) - c.pixel;
-            out.fixed_rows_mut::<2>(2 * k).copy_from(&miss);
-        }
-        Some(out)
-    };
-    let lens_steps = [1e-3, 1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 1e-7, 1e-7];
-    let pose_steps = [1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6];
-    let steps = lens_steps.into_iter().chain(lens_steps).chain(pose_steps.into_iter().cycle().take(6 + 6 * pairs));
-    let steps = DVector::from_iterator(CAMERAS + 6 * pairs, steps);
-    let found = minimise(start, &steps, residuals)?;
-    let x = &found.parameters;
-    let left_to_right = pose(x, 16, &first);
-    let camera = StereoCamera { image_size, left: lens(x, 0), right: lens(x, 8), left_to_right };
-    let rest = residuals(x)?;
+    let Guess { lenses, right, boards } = guess(corners, image_size, pairs)?;
+    let bundle = Bundle { corners };
+    let found = minimise(&bundle, Unknowns { lenses, right, boards })?;
+    let x = &found.unknowns;
+    let misses: Vec<f64> =
+        corners.iter().map(|c| x.project(c).map(|p| (p - c.pixel).norm_squared())).collect::<Option<_>>()?;
     let rms = |part: &dyn Fn(&Corner) -> bool| {
-        let chosen = corners.iter().enumerate().filter(|(_, c)| part(c));
-        let (sum, count) =
-            chosen.fold((0.0, 0), |(sum, n), (k, _)| (sum + rest.fixed_rows::<2>(2 * k).norm_squared(), n + 1));
+        let chosen = corners.iter().zip(&misses).filter(|(c, _)| part(c));
+        let (sum, count) = chosen.fold((0.0, 0), |(sum, n), (_, miss)| (sum + miss, n + 1));
         (sum / f64::from(count.max(1))).sqrt()
     };
-    let pair_rms_px = (0..pairs).map(|k| rms(&|c| c.pair == k)).collect();
-    let freedom = (rest.len() as f64 - x.len() as f64).max(1.0);
-    let errors = standard_errors(&found.normal, found.cost / freedom);
-    Some(Fit { camera, rms_px: rms(&|_| true), standard_errors: errors, pair_rms_px })
+    let freedom = (2.0 * corners.len() as f64 - (CAMERAS + POSE * pairs) as f64).max(1.0);
+    let camera = StereoCamera { image_size, left: x.lenses[0], right: x.lenses[1], left_to_right: x.right };
+    Some(Fit {
+        camera,
+        rms_px: rms(&|_| true),
+        standard_errors: standard_errors(&found.equations.normal, found.equations.cost / freedom),
+        pair_rms_px: (0..pairs).map(|k| rms(&|c| c.pair == k)).collect(),
+    })
 }
 
-fn standard_errors(normal: &DMatrix<f64>, variance: f64) -> [[f64; 8]; 2] {
+fn standard_errors(normal: &DMatrix<f64>, variance: f64) -> [[f64; LENS]; 2] {
     let inverse = normal.clone().cholesky().map(|c| c.inverse());
     let error = |k: usize| inverse.as_ref().map_or(f64::INFINITY, |m| (m[(k, k)] * variance).sqrt());
-    [std::array::from_fn(error), std::array::from_fn(|k| error(8 + k))]
+    [std::array::from_fn(error), std::array::from_fn(|k| error(LENS + k))]
 }
 
-fn numbers(l: &Lens) -> [f64; 8] {
-    [l.fx, l.fy, l.cx, l.cy, l.k1, l.k2, l.p1, l.p2]
+impl Unknowns {
+    /// The corner in the frame of the camera whose picture shows it.
+    fn place(&self, c: &Corner) -> (Point3<f64>, Point3<f64>) {
+        let left = self.boards[c.pair] * Point3::new(c.model.x, c.model.y, 0.0);
+        (left, if c.side == Side::Right { self.right * left } else { left })
+    }
+
+    fn project(&self, c: &Corner) -> Option<nalgebra::Vector2<f64>> {
+        let (_, p) = self.place(c);
+        (p.z > 1.0).then(|| self.lenses[c.side as usize].pixel(p.xy().coords / p.z))
+    }
+
+    /// The corner's miss, and its slopes by lens, relative pose and board's pose.
+    fn look(&self, c: &Corner) -> Option<(nalgebra::Vector2<f64>, SMatrix<f64, 2, ONE>)> {
+        let (left, p) = self.place(c);
+        if p.z <= 1.0 {
+            return None;
+        }
+        let lens = &self.lenses[c.side as usize];
+        let (pixel, by_point) = lens.project(&p)?;
+        let mut slopes = SMatrix::<f64, 2, ONE>::zeros();
+        slopes.fixed_columns_mut::<LENS>(0).copy_from(&lens.slope_by_numbers(p.xy().coords / p.z));
+        let mut turned = by_point;
+        if c.side == Side::Right {
+            // Moved in its own frame, as `nudge` does: right·exp(ξ) sends the point to R(ω × p + ρ).
+            turned *= self.right.rotation.to_rotation_matrix().matrix();
+            slopes.fixed_columns_mut::<3>(LENS).copy_from(&turned);
+            slopes.fixed_columns_mut::<3>(LENS + 3).copy_from(&(-turned * left.coords.cross_matrix()));
+        }
+        turned *= self.boards[c.pair].rotation.to_rotation_matrix().matrix();
+        let model = nalgebra::Vector3::new(c.model.x, c.model.y, 0.0);
+        slopes.fixed_columns_mut::<3>(LENS + POSE).copy_from(&turned);
+        slopes.fixed_columns_mut::<3>(LENS + POSE + 3).copy_from(&(-turned * model.cross_matrix()));
+        Some((pixel - c.pixel, slopes))
+    }
 }
 
-fn lens(x: &DVector<f64>, at: usize) -> Lens {
-    let n = |k: usize| x[at + k];
-    Lens { fx: n(0), fy: n(1), cx: n(2), cy: n(3), k1: n(4), k2: n(5), p1: n(6), p2: n(7) }
+/// Where a corner's unknowns stand among all.
+fn place_of(c: &Corner, local: usize) -> usize {
+    match local {
+        0..LENS => LENS * c.side as usize + local,
+        LENS..14 => 2 * LENS + local - LENS,
+        _ => CAMERAS + POSE * c.pair + local - LENS - POSE,
+    }
 }
 
-/// The map from the board's plane to a picture, its origin moved to the picture's centre.
-fn homography(corners: &[Corner], pair: usize, side: Side, centre: Vector2<f64>) -> Option<Matrix3<f64>> {
-    let chosen: Vec<&Corner> = corners.iter().filter(|c| c.pair == pair && c.side == side).collect();
-    let scale = centre.norm();
-    let mut normal = DMatrix::zeros(9, 9);
-    for c in &chosen {
-        let q = (c.pixel - centre) / scale;
-        let at = [c.model.x / 100.0, c.model.y / 100.0, 1.0];
-        for (axis, v) in [q.x, q.y].into_iter().enumerate() {
-            let mut row = DVector::zeros(9);
-            for j in 0..3 {
-                row[3 * axis + j] = at[j];
-                row[6 + j] = -v * at[j];
+impl Problem for Bundle<'_> {
+    type Unknowns = Unknowns;
+
+    fn equations(&self, at: &Unknowns) -> Option<Equations> {
+        let count = CAMERAS + POSE * at.boards.len();
+        let (mut cost, mut normal, mut gradient) = (0.0, DMatrix::zeros(count, count), DVector::zeros(count));
+        for c in self.corners {
+            let (miss, slopes) = at.look(c)?;
+            cost += miss.norm_squared();
+            let products: SMatrix<f64, ONE, ONE> = slopes.tr_mul(&slopes);
+            let pull: SVector<f64, ONE> = slopes.tr_mul(&miss);
+            for i in 0..ONE {
+                let row = place_of(c, i);
+                gradient[row] += pull[i];
+                for j in 0..ONE {
+                    normal[(row, place_of(c, j))] += products[(i, j)];
+                }
             }
-            normal.ger(1.0, &row, &row, 1.0);
         }
+        Some(Equations { cost, normal, gradient })
     }
-    if chosen.len() < 8 {
-        return None;
+
+    fn cost(&self, at: &Unknowns) -> Option<f64> {
+        self.corners.iter().map(|c| Some((at.project(c)? - c.pixel).norm_squared())).sum()
     }
-    let eigen = normal.symmetric_eigen();
-    let least = eigen.eigenvectors.column(eigen.eigenvalues.imin());
-    let back = Matrix3::from_diagonal(&nalgebra::Vector3::new(scale, scale, 1.0));
-    let unit = Matrix3::from_diagonal(&nalgebra::Vector3::new(0.01, 0.01, 1.0));
-    let h = back * Matrix3::from_fn(|i, j| least[3 * i + j]) * unit;
-    Some(if h[(2, 2)] < 0.0 { -h } else { h })
+
+    fn moved(&self, at: &Unknowns, by: &DVector<f64>) -> Unknowns {
+        let pose = |from: &Isometry3<f64>, k: usize| nudge(from, &Vector6::from_fn(|r, _| by[k + r]));
+        let lens = |k: usize| {
+            let mut numbers = at.lenses[k].numbers();
+            numbers.iter_mut().enumerate().for_each(|(i, n)| *n += by[LENS * k + i]);
+            Lens::from_numbers(numbers)
+        };
+        let boards = at.boards.iter().enumerate().map(|(k, b)| pose(b, CAMERAS + POSE * k)).collect();
+        Unknowns { lenses: [lens(0), lens(1)], right: pose(&at.right, 2 * LENS), boards }
+    }
 }
 
-/// The focal length under which the boards' axes are orthogonal and equally long (Zhang 2000), the principal point at the centre.
-fn focal(maps: &[Matrix3<f64>], image_size: [usize; 2]) -> f64 {
-    let (mut top, mut bottom) = (0.0, 0.0);
-    for h in maps {
-        let h = h / h.norm();
-        let (a, b) = (h.column(0), h.column(1));
-        let conditions = [
-            (a[0] * b[0] + a[1] * b[1], a[2] * b[2]),
-            (a[0] * a[0] + a[1] * a[1] - b[0] * b[0] - b[1] * b[1], a[2] * a[2] - b[2] * b[2]),
-        ];
-        for (u, v) in conditions {
-            top -= u * v;
-            bottom += u * u;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion, Vector2};
+
+    #[test]
+    fn slopes_are_those_of_differences() {
+        let lens = Lens::from_numbers([1100.0, 1090.0, 650.0, 470.0, -0.1, 0.05, 6e-4, -4e-4]);
+        let pose = |t: [f64; 3], r: [f64; 3]| {
+            Isometry3::from_parts(Translation3::from(t), UnitQuaternion::from_scaled_axis(r.into()))
+        };
+        let at = Unknowns {
+            lenses: [lens, lens],
+            right: pose([-62.0, 1.0, 2.0], [0.0, 0.12, 0.01]),
+            boards: vec![pose([-40.0, -30.0, 300.0], [0.3, -0.2, 0.1])],
+        };
+        for side in Side::BOTH {
+            let corners =
+                [Corner { pair: 0, side, model: Vector2::new(55.0, 20.0), pixel: Vector2::new(600.0, 400.0) }];
+            let bundle = Bundle { corners: &corners };
+            let (_, slopes) = at.look(&corners[0]).unwrap();
+            for local in 0..ONE {
+                let step = 1e-6;
+                let shifted = |by: f64| {
+                    let mut vector = DVector::zeros(CAMERAS + POSE);
+                    vector[place_of(&corners[0], local)] = by;
+                    bundle.moved(&at, &vector).project(&corners[0]).unwrap()
+                };
+                let by_difference = (shifted(step) - shifted(-step)) / (2.0 * step);
+                let off = (by_difference - slopes.column(local)).norm();
+                assert!(off < 1e-4 * (1.0 + slopes.column(local).norm()), "{side} {local}: {off}");
+            }
         }
     }
-    let width = image_size[0] as f64;
-    let f = (bottom / top).max(0.0).sqrt();
-    if f.is_finite() && f > 0.2 * width && f < 20.0 * width { f } else { width }
-}
-
-fn board_pose(h: &Matrix3<f64>, f: f64) -> Option<Isometry3<f64>> {
-    let h = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0 / f, 1.0 / f, 1.0)) * h;
-    let (x, y) = (h.column(0).into_owned(), h.column(1).into_owned());
-    let scale = (x.norm() * y.norm()).sqrt();
-    let svd = Matrix3::from_columns(&[x / scale, y / scale, x.cross(&y) / (scale * scale)]).svd(true, true);
-    let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(svd.u? * svd.v_t?));
-    Some(Isometry3::from_parts(Translation3::from(h.column(2) / scale), turn))
 }

@@ -1,17 +1,17 @@
 //! Kernels that look along rows, for 8-bit pixels.
 
-use super::super::plane::Plane;
 use super::*;
 
 /// Vectors after which 32-bit sums move on into 64-bit ones: a lane gains at most 4 · 1,020² from each.
 const BATCH: usize = 512;
 
-/// Adds up a row: `step` takes the pixels of one vector, and a mask for the last; `finish` takes the sums of a batch.
+/// Adds up a row, with a look `ahead` bytes forward: `step` takes the pixels of one vector, and a mask for the last; `finish` takes the sums of a batch.
 /// `false` when the row is too short for vectors.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn along<S: Copy, const N: usize>(
     row: &[u8],
+    ahead: usize,
     zero: S,
     step: impl Fn(S, &[u8; N], Option<__m256i>) -> S,
     mut finish: impl FnMut(S),
@@ -23,6 +23,8 @@ fn along<S: Copy, const N: usize>(
         while x + 4 * LANES <= stop {
             // Four vectors for one look at the bounds.
             let four = &row[x..][..3 * LANES + N];
+            prefetch(&four[0], ahead);
+            prefetch(&four[2 * LANES], ahead);
             for k in 0..4 {
                 sums = step(sums, window(four, k * LANES), None);
             }
@@ -45,13 +47,14 @@ fn along<S: Copy, const N: usize>(
 pub fn moments(plane: &Plane<'_, u8>) -> (u128, u128) {
     let zero = _mm256_setzero_si256();
     let (mut sum, mut squares) = (0u128, 0u128);
+    let ahead = ahead(plane);
     for row in plane.rows() {
         let (mut s, mut q) = (0, 0);
         let step = |[sum, e, o]: [__m256i; 3], w: &[u8; 32], mask: Option<__m256i>| {
             let pixels = keep(mask, load::<0, 32>(w));
             [add_bytes(sum, pixels), add_squares(e, even(pixels)), add_squares(o, odd(pixels))]
         };
-        let done = along(row, [zero; 3], step, |[sum, e, o]| {
+        let done = along(row, ahead, [zero; 3], step, |[sum, e, o]| {
             s += total64(sum);
             q += total(e) + total(o);
         });
@@ -70,12 +73,13 @@ pub fn excess(plane: &Plane<'_, u8>, floor: u32) -> u128 {
     // A floor above 255 leaves nothing, as one of 255 does.
     let level = _mm256_set1_epi8(floor.min(255).to_le_bytes()[0].cast_signed());
     let mut all = 0u128;
+    let ahead = ahead(plane);
     for row in plane.rows() {
         let mut sum = 0;
         let step = |sum: __m256i, w: &[u8; 32], mask: Option<__m256i>| {
             add_bytes(sum, _mm256_subs_epu8(keep(mask, load::<0, 32>(w)), level))
         };
-        if !along(row, _mm256_setzero_si256(), step, |s| sum += total64(s)) {
+        if !along(row, ahead, _mm256_setzero_si256(), step, |s| sum += total64(s)) {
             sum = portable::excess_of_row(row, floor);
         }
         all += u128::from(sum);
@@ -87,6 +91,7 @@ pub fn excess(plane: &Plane<'_, u8>, floor: u32) -> u128 {
 #[target_feature(enable = "avx2")]
 pub fn brenner(plane: &Plane<'_, u8>) -> u128 {
     let mut all = 0u128;
+    let ahead = ahead(plane);
     for row in plane.rows() {
         let mut sum = 0;
         let step = |[e, o]: [__m256i; 2], w: &[u8; 34], mask: Option<__m256i>| {
@@ -94,7 +99,7 @@ pub fn brenner(plane: &Plane<'_, u8>) -> u128 {
             let distance = keep(mask, _mm256_or_si256(_mm256_subs_epu8(a, b), _mm256_subs_epu8(b, a)));
             [add_squares(e, even(distance)), add_squares(o, odd(distance))]
         };
-        if !along(row, [_mm256_setzero_si256(); 2], step, |[e, o]| sum += total(e) + total(o)) {
+        if !along(row, ahead, [_mm256_setzero_si256(); 2], step, |[e, o]| sum += total(e) + total(o)) {
             sum = portable::brenner_of_row(row);
         }
         all += u128::from(sum);
@@ -106,6 +111,7 @@ pub fn brenner(plane: &Plane<'_, u8>) -> u128 {
 #[target_feature(enable = "avx2")]
 pub fn vollath4(plane: &Plane<'_, u8>) -> i128 {
     let mut all = 0i128;
+    let ahead = ahead(plane);
     for row in plane.rows() {
         let mut sum = 0;
         let step = |[e, o]: [__m256i; 2], w: &[u8; 34], mask: Option<__m256i>| {
@@ -115,7 +121,7 @@ pub fn vollath4(plane: &Plane<'_, u8>) -> i128 {
                 add_products(o, odd(pixels), pairs(load::<2, 34>(w), 1, -1)),
             ]
         };
-        if !along(row, [_mm256_setzero_si256(); 2], step, |[e, o]| sum += total_signed(_mm256_add_epi32(e, o))) {
+        if !along(row, ahead, [_mm256_setzero_si256(); 2], step, |[e, o]| sum += total_signed(_mm256_add_epi32(e, o))) {
             sum = portable::vollath4_of_row(row);
         }
         all += i128::from(sum);
@@ -127,13 +133,14 @@ pub fn vollath4(plane: &Plane<'_, u8>) -> i128 {
 #[target_feature(enable = "avx2")]
 pub fn vollath5(plane: &Plane<'_, u8>) -> [u128; 3] {
     let mut all = [0u128; 3];
+    let ahead = ahead(plane);
     for row in plane.rows() {
         let (mut products, mut sum) = (0, 0);
         let step = |[s, e, o]: [__m256i; 3], w: &[u8; 33], mask: Option<__m256i>| {
             let (pixels, next) = (keep(mask, load::<0, 33>(w)), load::<1, 33>(w));
             [add_bytes(s, pixels), add_products(e, even(pixels), even(next)), add_products(o, odd(pixels), odd(next))]
         };
-        let done = along(row, [_mm256_setzero_si256(); 3], step, |[s, e, o]| {
+        let done = along(row, ahead, [_mm256_setzero_si256(); 3], step, |[s, e, o]| {
             sum += total64(s);
             products += total(e) + total(o);
         });
@@ -151,7 +158,7 @@ pub fn vollath5(plane: &Plane<'_, u8>) -> [u128; 3] {
 /// See [`portable::haar`].
 #[target_feature(enable = "avx2")]
 pub fn haar(plane: &Plane<'_, u8>) -> (u128, u128) {
-    let (mut squares, mut low) = (0u128, 0u128);
+    let (ahead, mut squares, mut low) = (ahead(plane), 0u128, 0u128);
     for y in (1..plane.height()).step_by(2) {
         let rows: [&[u8]; 2] = plane.band(y - 1);
         let vectors = plane.width() / LANES;
@@ -163,6 +170,7 @@ pub fn haar(plane: &Plane<'_, u8>) -> (u128, u128) {
                 let mut block = _mm256_setzero_si256();
                 for row in rows {
                     let pixels = load::<0, 32>(window(row, vector * LANES));
+                    prefetch(&row[vector * LANES], ahead);
                     of_pixels = add_squares(add_squares(of_pixels, even(pixels)), odd(pixels));
                     block = _mm256_add_epi16(block, pairs(pixels, 1, 1));
                 }

@@ -4,6 +4,10 @@
 //! on in the direction of motion. Backlash B delays the stage itself: half of it further on again, whatever the speed. So the two
 //! directions of one speed differ by Δ(v) = 2·v·τ + B, and two speeds tell τ from B.
 
+mod procedure;
+
+pub use procedure::{Calibrated, LatencyError, LatencyPlan, measure};
+
 use parfocal_protocol::units::{MicrometresPerSecond, Nanometres};
 
 /// Where one peak seemed to be, swept over in both directions at one speed.

@@ -1,0 +1,139 @@
+//! What a calibration's samples come to, and the rig with it.
+
+use super::wizard::What;
+use crate::calibration::camera::{self, Options};
+use crate::calibration::chain::{Chain, Pixel, Sensor};
+use crate::calibration::frames::Point;
+use crate::calibration::registration;
+use crate::calibration::report;
+use crate::calibration::robust::{Estimator, Model, ScalePrior, Solution};
+use crate::procedure::{FramePixel, Sample, Window, what_moves};
+use crate::rig::{self, CameraCalibration, ManipulatorNumber, Record, Rig};
+
+/// A solved calibration.
+pub struct Solved {
+    /// The rig with it.
+    pub rig: Rig,
+    /// In words.
+    pub verdict: String,
+    /// RMS of the samples that count.
+    pub rms_um: f64,
+    /// One for each sample.
+    pub samples: Vec<SolvedSample>,
+}
+
+/// A sample as the solution has it.
+pub struct SolvedSample {
+    /// Where the solution has its point in the frame.
+    pub at: FramePixel,
+    /// How far that is off.
+    pub residual_um: f64,
+    /// Whether the solver left it out.
+    pub outlier: bool,
+}
+
+/// Solves samples and puts the result into a copy of the rig.
+///
+/// # Errors
+/// A sentence on what is wrong with the samples.
+pub fn solve(rig: &Rig, what: &What, samples: &[Sample], seed: u64) -> Result<Solved, String> {
+    match what {
+        What::Camera(_) => solve_camera(rig, samples, seed),
+        What::Registration(number) => solve_registration(rig, *number, samples, seed),
+    }
+}
+
+fn options(seed: u64) -> Options {
+    Options { tolerance_um: None, seed, estimator: Estimator::Robust }
+}
+
+fn solve_camera(rig: &Rig, samples: &[Sample], seed: u64) -> Result<Solved, String> {
+    let contents = rig.contents();
+    let known = contents.camera.as_ref().ok_or("the camera has given no frame, so its size is not known")?;
+    let (sensor, window) = (Sensor { width_px: known.width_px, height_px: known.height_px }, Window::of(known));
+    let points: Vec<_> = samples.iter().map(Sample::camera).collect();
+    let moves = what_moves(rig).map_err(|e| e.to_string())?;
+    let fit = camera::fit(&points, sensor, moves, &options(seed)).map_err(|e| e.to_string())?;
+    let verdict = report::camera(&fit, sensor).verdict;
+    // A is kept for the default objective.
+    let alpha = alpha(rig)?;
+    let a = fit.matrix_um_per_px / alpha;
+    let mut proposed = rig.clone();
+    let objective = contents.objective_in_use.clone();
+    if let Some(camera) = &mut proposed.contents_mut().camera {
+        camera.calibration = Some(CameraCalibration {
+            matrix_um_per_px: [[a[(0, 0)], a[(0, 1)]], [a[(1, 0)], a[(1, 1)]]],
+            objective,
+            record: record(&fit.solution, seed),
+        });
+    }
+    let map = &fit.solution.fit.map;
+    let back = map.linear.try_inverse().ok_or("the camera's matrix is singular")?;
+    let centre = [(f64::from(sensor.width_px) - 1.0) / 2.0, (f64::from(sensor.height_px) - 1.0) / 2.0];
+    let solved = |i: usize| {
+        let image = back * (points[i].mic_um - map.shift);
+        let pixel = Pixel { x_px: image.x + centre[0], y_px: image.y + centre[1] };
+        sample(&window, pixel, &fit.solution, i)
+    };
+    let solved = (0..points.len()).map(solved).collect();
+    Ok(Solved { rig: proposed, verdict, rms_um: fit.solution.rms(), samples: solved })
+}
+
+fn solve_registration(rig: &Rig, number: ManipulatorNumber, samples: &[Sample], seed: u64) -> Result<Solved, String> {
+    let chain = Chain::of(rig).map_err(|e| e.to_string())?;
+    let camera = rig.contents().camera.as_ref().ok_or("the camera is not calibrated")?;
+    let window = Window::of(camera);
+    let points: Vec<_> = samples.iter().filter_map(Sample::registration).collect();
+    let fit = registration::fit(&points, Some(&chain), Model::Affine, Some(ScalePrior::default()), &options(seed))
+        .map_err(|e| e.to_string())?;
+    let verdict = report::registration(&fit).verdict;
+    let transform = fit.transform();
+    let mut proposed = rig.clone();
+    let model = fit.model.name().to_owned();
+    let found = rig::Registration { model, matrix: transform.to_rows(), record: record(&fit.solution, seed) };
+    proposed.set_registration(number, found);
+    let solved = points.iter().zip(samples).enumerate().map(|(i, (point, taken))| {
+        let place = transform * Point::from(point.man_um);
+        sample(&window, chain.ref_to_pixel(taken.mic_um, place).0, &fit.solution, i)
+    });
+    let solved = solved.collect();
+    Ok(Solved { rig: proposed, verdict, rms_um: fit.solution.rms(), samples: solved })
+}
+
+/// The objective in use against the default one.
+fn alpha(rig: &Rig) -> Result<f64, String> {
+    let contents = rig.contents();
+    let Some(name) = contents.objective_in_use.as_ref().filter(|_| !contents.objectives.is_empty()) else {
+        return if contents.objectives.is_empty() { Ok(1.0) } else { Err("the objective in use is not known".into()) };
+    };
+    let zoom = contents.zoom_in_use.unwrap_or(1.0);
+    let objective =
+        contents.objectives.get(name).ok_or_else(|| format!("objective '{name}' is not in the rig's file"))?;
+    match objective.zooms.iter().find(|z| z.zoom == zoom) {
+        Some(zoom) => Ok(zoom.alpha),
+        None if objective.default => Ok(1.0),
+        None => {
+            Err(format!("'{name}' is not calibrated against the default objective: calibrate the camera with that one"))
+        }
+    }
+}
+
+fn sample<const D: usize>(window: &Window, pixel: Pixel, solution: &Solution<D>, i: usize) -> SolvedSample {
+    SolvedSample {
+        at: window.to_frame(pixel),
+        residual_um: solution.residuals[i].norm(),
+        outlier: !solution.inliers[i],
+    }
+}
+
+fn record<const D: usize>(solution: &Solution<D>, seed: u64) -> Record {
+    Record {
+        date: humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string(),
+        seed: seed & i64::MAX as u64,
+        samples: "clicked on the operator page".into(),
+        tolerance_um: solution.tolerance,
+        rms_um: solution.rms(),
+        residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
+        rejected: (0..solution.inliers.len()).filter(|&i| !solution.inliers[i]).map(|i| i + 1).collect(),
+    }
+}

@@ -1,0 +1,7 @@
+//! `parfocal serve` as its users meet it: in a browser, by scripts, by programs that mean harm, and with cameras that fail.
+
+mod browser;
+mod cameras;
+mod control;
+mod safety;
+mod scripts;
