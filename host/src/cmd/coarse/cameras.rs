@@ -25,7 +25,7 @@ pub(super) fn take(cameras: [&CameraAddress; 2], places: u32, folder: &Path) -> 
         bail!("{} holds pairs already: name a new folder, or leave the cameras away to use them", folder.display());
     }
     let open = |address: &CameraAddress| -> anyhow::Result<Box<dyn Camera>> {
-        let camera = address.open(CAREFUL_LATENCY)?;
+        let camera = address.open(Some(CAREFUL_LATENCY))?;
         camera.with_context(|| format!("{address} is no camera that runs by itself: docs/cameras.md has examples"))
     };
     let (mut left, mut right) = (open(cameras[0])?, open(cameras[1])?);
