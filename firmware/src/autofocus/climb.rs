@@ -133,8 +133,8 @@ impl Climb {
     fn first(&self, curve: &Curve, best: Place, side: Side) -> Place {
         let (far, near) = (best.0 - side.sign() * self.lengths.trap, best.0 + side.sign() * STRIDE);
         let (from, to) = (Place(far.min(near)), Place(far.max(near)));
-        let rivals = peak::rivals(curve, from, to);
-        rivals.iter().map(|(place, _)| *place).min_by_key(|place| place.0 * side.sign()).unwrap_or(best)
+        let tops = peak::rivals(curve, from, to).map(|(place, _)| place);
+        tops.min_by_key(|place| place.0 * side.sign()).unwrap_or(best)
     }
 
     /// Whether a side needs no more looking at.

@@ -274,12 +274,21 @@ impl Curve {
 
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.
     pub fn at(&self, place: Place) -> Option<Cell> {
-        let slot = &self.slots[index(place.0)];
-        (slot.frames > 0 && i32::from(slot.place) == place.0).then(|| Cell {
+        self.slot(place).map(|slot| Cell {
             x: f64::from(place.0) + f64::from(slot.off),
             frames: slot.frames,
             mean: slot.mean,
         })
+    }
+
+    fn slot(&self, place: Place) -> Option<&Slot> {
+        let slot = &self.slots[index(place.0)];
+        (slot.frames > 0 && i32::from(slot.place) == place.0).then_some(slot)
+    }
+
+    /// The mean value at a place, as of [`Curve::at`]; to compare values, which needs no position.
+    pub fn mean(&self, place: Place) -> Option<f64> {
+        self.slot(place).map(|slot| slot.mean)
     }
 
     /// The known places from `from` to `to`.
@@ -290,17 +299,17 @@ impl Curve {
     /// Mean level of the known places from `from` to `to`.
     pub fn level(&self, from: Place, to: Place) -> Level {
         let (mut sum, mut frames) = (0.0, 0);
-        for (_, cell) in self.between(from, to) {
-            sum += cell.mean * f64::from(cell.frames);
-            frames += u32::from(cell.frames);
+        for slot in (from.0..=to.0).filter_map(|p| self.slot(Place(p))) {
+            sum += slot.mean * f64::from(slot.frames);
+            frames += u32::from(slot.frames);
         }
         Level { mean: if frames > 0 { sum / f64::from(frames) } else { 0.0 }, frames }
     }
 
     /// The mean of a place and its neighbours a step away, weighted 1 : 2 : 1.
     pub fn smooth(&self, place: Place) -> Option<f64> {
-        let middle = self.at(place)?.mean;
-        let side = |p: i32| self.at(Place(p)).map_or(middle, |c| c.mean);
+        let middle = self.mean(place)?;
+        let side = |p: i32| self.mean(Place(p)).unwrap_or(middle);
         Some(0.25 * (side(place.0 - STRIDE) + 2.0 * middle + side(place.0 + STRIDE)))
     }
 
@@ -351,7 +360,7 @@ impl Curve {
 
         let reach = if quiet { 0 } else { STRIDE };
         for p in (place - reach..=place + reach).map(Place) {
-            let smooth = if quiet { self.at(p).map(|c| c.mean) } else { self.smooth(p) };
+            let smooth = if quiet { self.mean(p) } else { self.smooth(p) };
             if let Some(v) = smooth
                 && self.best.is_none_or(|(q, b)| q == p || v > b)
             {

@@ -51,7 +51,7 @@ pub struct Peak {
 pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
     let places = (from.0..=to.0).map(Place);
     if curve.noise().is_silent() {
-        return places.filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
+        return tops(curve, from, to).map(|(_, top)| top).reduce(|a, b| if b.value > a.value { b } else { a });
     }
     let (_, best) = curve.best()?;
     // A narrow top loses up to a fifth of itself to the smoothing, and more to lying between two samples.
@@ -63,6 +63,34 @@ pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
         .reduce(|a, b| if bound(&b) > bound(&a) { b } else { a })
 }
 
+/// Every [`top`] between two places, with its place.
+pub fn tops(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
+    let mut next = from.0;
+    // The known place before: its value, and whether that is not lower than the one before it.
+    let mut last: Option<(i32, f64, bool)> = None;
+    let summits = core::iter::from_fn(move || {
+        loop {
+            if last.is_some_and(|l| l.0 > to.0) || next > to.0 + APART {
+                return None;
+            }
+            let here = next;
+            next += 1;
+            // Values are compared without software floats: most places are no top.
+            let Some(value) = curve.mean(Place(here)) else { continue };
+            let rose = match last {
+                Some((_, before, _)) => value.total_cmp(&before).is_ge(),
+                None => value_beside(curve, Place(here), -1).is_some_and(|v| v.total_cmp(&value).is_le()),
+            };
+            let summit = last.filter(|(_, before, rose)| *rose && value.total_cmp(before).is_le());
+            last = Some((here, value, rose));
+            if let Some((place, ..)) = summit {
+                return Some(Place(place));
+            }
+        }
+    });
+    summits.filter_map(|p| Some((p, top(curve, p)?)))
+}
+
 fn is_local_maximum(curve: &Curve, place: Place) -> bool {
     let Some(value) = curve.smooth(place) else { return false };
     let higher = |p: i32| curve.smooth(Place(p)).is_some_and(|v| v > value);
@@ -71,7 +99,13 @@ fn is_local_maximum(curve: &Curve, place: Place) -> bool {
 
 /// The parabola's top at a place whose neighbours are not higher.
 pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
-    let Crest { middle, low, high, drop } = crest(curve, place)?;
+    let value = curve.mean(place)?;
+    if [-1, 1].iter().any(|sign| value_beside(curve, place, *sign).is_none_or(|v| v.total_cmp(&value).is_gt())) {
+        return None;
+    }
+    let middle = curve.at(place)?;
+    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
+    let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
     let width = high.x - low.x;
     let halves = width <= f64::from(STRIDE);
     let (mut peak, mut hidden) = (parabola(middle, low, high), HIDDEN);
@@ -91,55 +125,23 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
     Some(Peak { error: hidden * drop * halfway * halfway * apart * apart, ..peak })
 }
 
-/// Tops that are weighed against each other.
-pub type Rivals = heapless::Vec<(Place, Peak), 8>;
-
-/// The tops between two places that may be the highest by what is known of them, each with its place; none if only one
-/// comes into question. Without noise only.
-pub fn rivals(curve: &Curve, from: Place, to: Place) -> Rivals {
-    let mut rivals = Rivals::new();
-    let Some((best, highest)) = curve.best() else { return rivals };
-    let noise = 3.0 * curve.noise().relative() * magnitude(highest);
-    // A parabola's top lies at most an eighth of its drop above the middle: a bound that takes no division.
-    let least = highest - crest(curve, best).map_or(0.0, |c| HIDDEN * c.drop) - noise;
-    for place in (from.0..=to.0).map(Place) {
-        if crest(curve, place).is_some_and(|c| c.middle.mean + (0.125 + HIDDEN) * c.drop >= least) {
-            // More than fit are no real curve; the first ones bound the way.
-            let _ = rivals.push((place, Peak { at: 0.0, value: 0.0, error: 0.0, window: 1 }));
-        }
-    }
-    if rivals.len() < 2 {
-        rivals.clear();
-        return rivals;
-    }
-    for (place, peak) in &mut rivals {
-        *peak = top(curve, *place).unwrap_or(*peak);
-    }
-    let highest = rivals.iter().map(|(_, t)| *t).reduce(|a, b| if b.value > a.value { b } else { a });
-    let least = highest.map_or(0.0, |h| h.value - h.error) - noise;
-    rivals.retain(|(_, t)| t.value + t.error >= least);
-    rivals
-}
-
-/// A place whose neighbours are not higher, and how far they lie below it together.
-struct Crest {
-    middle: Cell,
-    low: Cell,
-    high: Cell,
-    drop: f64,
-}
-
-fn crest(curve: &Curve, place: Place) -> Option<Crest> {
-    let middle = curve.at(place)?;
-    let low = beside(curve, place, -1).filter(|low| low.mean <= middle.mean)?;
-    let high = beside(curve, place, 1).filter(|high| high.mean <= middle.mean)?;
-    let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
-    Some(Crest { middle, low, high, drop })
+/// The tops between two places that may be the highest, each with its place, by what is known of them.
+pub fn rivals(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
+    let all = move || tops(curve, from, to);
+    let highest = all().map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
+    let least = highest.map_or(0.0, |h| h.value - h.error);
+    let noise = 3.0 * curve.noise().relative() * magnitude(least);
+    all().filter(move |(_, t)| t.value + t.error + noise >= least)
 }
 
 /// The nearest known cell on one side.
 fn beside(curve: &Curve, place: Place, sign: i32) -> Option<Cell> {
     (1..=APART).find_map(|d| curve.at(Place(place.0 + d * sign)))
+}
+
+/// The value of [`beside`].
+fn value_beside(curve: &Curve, place: Place, sign: i32) -> Option<f64> {
+    (1..=APART).find_map(|d| curve.mean(Place(place.0 + d * sign)))
 }
 
 /// The extremum of the parabola through three cells; the middle one where it has none between the others.

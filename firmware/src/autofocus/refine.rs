@@ -61,8 +61,9 @@ impl Refine {
     fn split(&self, curve: &Curve) -> Next {
         let Some((from, to)) = Self::window(curve, self.trap) else { return Next::Enough };
         let here = curve.here().0;
-        let mut next = None::<i32>;
+        let (mut rivals, mut next) = (0, None::<i32>);
         for (p, top) in peak::rivals(curve, from, to) {
+            rivals += 1;
             // First the half step on the side where the top lies.
             let side = if top.at < f64::from(p.0) { -1 } else { 1 };
             let missing = |q: &i32| *q > from.0 && *q < to.0 && curve.at(Place(*q)).is_none();
@@ -72,8 +73,8 @@ impl Refine {
             }
         }
         match next {
-            Some(place) => Next::Sample(Place(place)),
-            None => self.look(curve),
+            Some(place) if rivals > 1 => Next::Sample(Place(place)),
+            _ => self.look(curve),
         }
     }
 

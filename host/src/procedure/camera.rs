@@ -56,7 +56,7 @@ pub fn camera(
     }
     live.tell(Progress::Begins(format!("Looking at {} from {} places.", plan.subject, plan.places + 3)));
     if let Some(reach) = plan.focus_within_um {
-        live.focus_on(finder, &plan.subject, None, reach)?;
+        live.first_focus_on(finder, &plan.subject, reach)?;
     }
     let around = Survey { subject: plan.subject.clone(), places: plan.places, seed: plan.seed, focus_within_um: None };
     survey(live, finder, &around, &mut |live, sighting| {

@@ -266,11 +266,13 @@ impl<'a> Guard<'a> {
         let (start, end) = (from.joints(n), to.joints(n));
         match self.tips[&n] {
             Tip::Registered { arm, error_um } => {
-                Way { from: arm.tip(start), to: arm.tip(end), around_um: around_um + error_um }
+                let around_um = around_um + error_um;
+                Way { from: arm.tip(start), to: arm.tip(end), around_um, around_now_um: around_um }
             }
             Tip::Seen { at, joints } => {
                 let reach = |p: Point<Man>| LONGEST * (p - joints).coordinates.abs().sum();
-                Way { from: at, to: at, around_um: around_um + reach(start).max(reach(end)) }
+                let now = reach(start);
+                Way { from: at, to: at, around_um: around_um + now.max(reach(end)), around_now_um: around_um + now }
             }
         }
     }

@@ -85,6 +85,10 @@ pub struct Seen {
 const PATIENCE_MS: u64 = 3000;
 /// Frames thrown away before a camera counts as showing only the past.
 const STALE: usize = 64;
+/// Scans of a first look before its refusal counts.
+const FIRST_TRIES: usize = 3;
+/// A blurred tip is still recognised within about this many depths of field; heights to look at are so far apart.
+const SEEK_DEPTHS: f64 = 12.0;
 /// Side of the region whose focus is the tip's, px of the frame: larger ones focus on the shank (docs/autofocus.md).
 const FOCUS_SIDE: usize = 48;
 
@@ -189,8 +193,7 @@ impl<'a> LiveRig<'a> {
         let settings = self.guard.stage().settings(axis)?;
         let low = range.0.0.max(settings.low.micrometres().0);
         let high = range.1.0.min(settings.high.micrometres().0);
-        let in_use = self.guard.objective().and_then(|name| self.rig().contents().objectives.get(name));
-        let depth_of_field_um = in_use.and_then(|objective| objective.depth_of_field_um);
+        let depth_of_field_um = self.depth_of_field_um();
         let task = FocusTask { axis, low: Micrometres(low), high: Micrometres(high), region, depth_of_field_um };
         let from = self.pose()?;
         for end in [task.low, task.high] {
@@ -236,6 +239,62 @@ impl<'a> LiveRig<'a> {
         Ok(seen)
     }
 
+    /// Looks for a point where it is, and if it is not seen, at heights farther and farther away: a tip far out of focus is
+    /// not recognised. The microscope's z stays where the point was seen; it goes back when it was seen nowhere.
+    ///
+    /// # Errors
+    /// As [`Self::find`] and [`Self::move_to`].
+    pub fn seek(
+        &mut self,
+        finder: &mut dyn PointFinder,
+        subject: &Subject,
+        reach_um: f64,
+    ) -> Result<Seen, ProcedureError> {
+        let z = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
+        let first = match self.find(finder, subject, None, None) {
+            Err(ProcedureError::NotFound(NotFound::Unseen(_) | NotFound::Passed(_))) => self.pose()?.axis(z),
+            other => return other,
+        };
+        self.tell(Progress::Begins(format!("{subject} is not seen here: looking {reach_um:.0} µm up and down.")));
+        let step = SEEK_DEPTHS * self.depth_of_field_um().unwrap_or(1.0);
+        let rungs = (reach_um / step).floor() as i32;
+        for k in 1..=rungs {
+            for side in [1.0, -1.0] {
+                let at = Micrometres(first.0 + side * step * f64::from(k));
+                match self.move_to(&[(z, at)]).and_then(|()| self.find(finder, subject, None, None)) {
+                    Err(error) if error.is_local() => {}
+                    other => return other,
+                }
+            }
+        }
+        self.move_to(&[(z, first)])?;
+        Err(NotFound::Unseen(subject.clone()).into())
+    }
+
+    /// Depth of field of the objective in use, if the rig's file has it.
+    fn depth_of_field_um(&self) -> Option<f64> {
+        self.rig().contents().objectives.get(self.guard.objective()?)?.depth_of_field_um
+    }
+
+    /// As [`Self::focus_on`] for the first look at a point, on which everything rests: a refused scan is repeated.
+    ///
+    /// # Errors
+    /// As [`Self::focus_on`].
+    pub fn first_focus_on(
+        &mut self,
+        finder: &mut dyn PointFinder,
+        subject: &Subject,
+        reach_um: f64,
+    ) -> Result<Seen, ProcedureError> {
+        for _ in 1..FIRST_TRIES {
+            match self.focus_on(finder, subject, None, reach_um) {
+                Err(error @ ProcedureError::NotFocused { .. }) => self.tell(Progress::Passed(error.to_string())),
+                other => return other,
+            }
+        }
+        self.focus_on(finder, subject, None, reach_um)
+    }
+
     /// Brings a point into focus with the microscope's z and says where it then is. `expected` is where it should be, if
     /// that is known; else it is looked for first, as blurred as it is. `reach_um` is how far from the present height its
     /// focus may be.
@@ -252,7 +311,7 @@ impl<'a> LiveRig<'a> {
         let z = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
         let rough = match expected {
             Some(pixel) => pixel,
-            None => self.find(finder, subject, None, None)?.pixel,
+            None => self.seek(finder, subject, reach_um)?.pixel,
         };
         let around = |at: Micrometres| (Micrometres(at.0 - reach_um), Micrometres(at.0 + reach_um));
         let here = self.pose()?.axis(z);

@@ -38,6 +38,8 @@ pub struct Way {
     pub to: Point<Ref>,
     /// How far from the line it may be, µm: overshoot of a final approach, or a tip that is not known better.
     pub around_um: f64,
+    /// How far from `from` it may be now.
+    pub around_now_um: f64,
 }
 
 /// The way of the objective's optical axis: where the picture's centre in focus is, in ref.
@@ -135,7 +137,7 @@ pub fn check(
         if distance >= 0.0 {
             continue;
         }
-        let now = outside(obstacle, way.from.coordinates, sight.from.coordinates) - way.around_um;
+        let now = outside(obstacle, way.from.coordinates, sight.from.coordinates) - way.around_now_um;
         if distance < now - ROUNDING_UM || now >= 0.0 {
             let obstacle = obstacle.name().to_owned();
             return Err(Collision { manipulator, obstacle, depth_um: -(distance + way.around_um), at });
@@ -158,7 +160,7 @@ mod tests {
     }
 
     fn way(from: [f64; 3], to: [f64; 3]) -> Way {
-        Way { from: Vector3::from(from).into(), to: Vector3::from(to).into(), around_um: 0.0 }
+        Way { from: Vector3::from(from).into(), to: Vector3::from(to).into(), around_um: 0.0, around_now_um: 0.0 }
     }
 
     fn cone(working_distance_um: f64) -> Obstacle {
@@ -265,7 +267,10 @@ mod tests {
         assert!(passes(&floor, &way([0.0, 0.0, -5.0], [0.0, 0.0, 50.0]), &sight));
         assert!(!passes(&floor, &way([0.0, 0.0, -5.0], [0.0, 0.0, -6.0]), &sight));
         let around = Way { around_um: 10.0, ..way([0.0, 0.0, 100.0], [0.0, 0.0, 8.0]) };
-        let error = check(&[floor], None, m1(), &around, &sight).unwrap_err().to_string();
+        let error = check(&[floor.clone()], None, m1(), &around, &sight).unwrap_err().to_string();
         assert!(error.contains("within 8.0 µm of obstacle 'dish'") && error.contains("m1"), "{error}");
+        // Known to be free now, but nobody knows which way it will go.
+        let unknown = Way { around_um: 10.0, ..way([0.0, 0.0, 8.0], [0.0, 0.0, 8.0]) };
+        assert!(check(&[floor], None, m1(), &unknown, &sight).is_err());
     }
 }

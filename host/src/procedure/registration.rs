@@ -161,7 +161,12 @@ impl Run<'_, '_> {
     fn look(&mut self, expected: Option<Point<Ref>>) -> Result<Sighting, ProcedureError> {
         let position = self.live.microscope()?;
         let pixel = expected.map(|p| self.chain.ref_to_pixel(position, p).0);
-        let seen: Seen = self.live.focus_on(self.finder, &self.subject, pixel, self.plan.focus_within_um)?;
+        let reach = self.plan.focus_within_um;
+        let seen: Seen = if self.recorder.samples().is_empty() {
+            self.live.first_focus_on(self.finder, &self.subject, reach)?
+        } else {
+            self.live.focus_on(self.finder, &self.subject, pixel, reach)?
+        };
         if let Some(pixel) = pixel {
             let within = ASTRAY_SHARE * self.live.window().side_px();
             let off = (pixel.x_px - seen.pixel.x_px).hypot(pixel.y_px - seen.pixel.y_px);

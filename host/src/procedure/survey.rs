@@ -110,7 +110,13 @@ fn look_around(
     keep: &mut dyn FnMut(&mut LiveRig<'_>, &Sighting) -> Result<(), ProcedureError>,
 ) -> Result<(), ProcedureError> {
     let mut follow = Follow::<2>::default();
-    let first = look(live, finder, survey, None)?;
+    let first = match survey.focus_within_um {
+        Some(reach) => {
+            let seen = live.first_focus_on(finder, &survey.subject, reach)?;
+            Sighting { pose: live.pose()?, seen }
+        }
+        None => look(live, finder, survey, None)?,
+    };
     follow.add(xy(start), px(first.seen.pixel));
     keep(live, &first)?;
     live.tell(Progress::Recorded { done: 1, of: survey.places + 3 });
