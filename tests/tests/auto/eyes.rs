@@ -178,6 +178,7 @@ pub fn run(world: &World, rig: &mut Rig, seed: u64, wrongs: &Wrongs, plan: &Plan
         saves += 1;
         Ok(())
     });
+    stage.close();
     let (frames, lowest_um) = (eyes.frames, eyes.lowest_um);
     Ran { result, frames, said, saves, lowest_um }
 }
