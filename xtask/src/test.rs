@@ -55,7 +55,7 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 16] = [
+const EVERY_TIME: [&str; 15] = [
     "serial",
     "usb",
     "edges",
@@ -70,7 +70,6 @@ const EVERY_TIME: [&str; 16] = [
     "host-lost",
     "dfu",
     "power-cycle",
-    "watchdog",
     "emergency",
 ];
 

@@ -187,6 +187,7 @@ pub fn watchdog(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     }
     board.run_for(ms(40))?;
     ensure!(edges(&board) == moving, "{} edges came out after the restart", edges(&board) - moving);
+    ensure!(board.resets() == 1, "it was reset {} times within 40 ms", board.resets());
     let mut talk = Talk::new(Link::Serial, 0x2222);
     let hello = talk.hello(&mut board)?;
     ensure!(hello.reset == ResetCause::Watchdog, "the hello says that {:?} started it", hello.reset);
