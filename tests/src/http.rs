@@ -41,13 +41,32 @@ pub fn send(address: &str, method: &str, path: &str, headers: &[(&str, &str)], b
     // A server that refuses early may close before it has read everything.
     let _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(body));
     let mut bytes = Vec::new();
-    let _ = stream.read_to_end(&mut bytes);
-    let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap_or(bytes.len());
+    let mut buffer = [0; 16 * 1024];
+    // Some servers keep the connection open all the same: the answer's own length counts.
+    while !whole(&bytes) {
+        match stream.read(&mut buffer) {
+            Ok(n) if n > 0 => bytes.extend(&buffer[..n]),
+            _ => break,
+        }
+    }
+    let end = end_of_head(&bytes).unwrap_or(bytes.len());
     let head = String::from_utf8_lossy(&bytes[..end]).into_owned();
     let status = head.split(' ').nth(1).and_then(|s| s.parse().ok()).unwrap_or(0);
     let body = bytes.get(end + 4..).unwrap_or_default().to_vec();
     let body = if head.to_ascii_lowercase().contains("transfer-encoding: chunked") { unchunked(&body) } else { body };
     Response { status, head, body }
+}
+
+fn end_of_head(bytes: &[u8]) -> Option<usize> {
+    bytes.windows(4).position(|w| w == b"\r\n\r\n")
+}
+
+/// Whether an answer that tells its length is there whole.
+fn whole(bytes: &[u8]) -> bool {
+    let Some(end) = end_of_head(bytes) else { return false };
+    let head = String::from_utf8_lossy(&bytes[..end]).to_ascii_lowercase();
+    let length = head.lines().find_map(|line| line.strip_prefix("content-length:")?.trim().parse::<usize>().ok());
+    length.is_some_and(|length| bytes.len() >= end + 4 + length)
 }
 
 fn unchunked(mut bytes: &[u8]) -> Vec<u8> {

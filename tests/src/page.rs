@@ -122,6 +122,13 @@ impl Served {
 
 impl Drop for Served {
     fn drop(&mut self) {
+        // Ctrl-C first: it ends the cameras that it started as well.
+        let pid = self.child.id().to_string();
+        let asked = std::process::Command::new("kill").args(["-INT", &pid]).stderr(Stdio::null()).status();
+        let end = Instant::now() + Duration::from_secs(3);
+        while asked.as_ref().is_ok_and(|s| s.success()) && self.runs() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(10));
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

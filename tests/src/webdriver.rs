@@ -58,7 +58,7 @@ impl Browser {
             "--disable-component-update",
             "--disable-sync",
             "--disable-dev-shm-usage",
-            "--window-size=1440,960",
+            "--window-size=1440,1040",
         ];
         let mut arguments: Vec<String> = arguments.map(String::from).into();
         arguments.push(format!("--user-data-dir={}", browser._profile.path().display()));

@@ -30,6 +30,9 @@ pub struct Connection {
     pub seed: u64,
 }
 
+/// No cable of the simulated rig is ever pulled; in real time a busy computer may keep its boards from answering for seconds.
+const SIMULATED_LINK: LinkOptions = LinkOptions { retry_ms: 100, deadline_ms: 10_000, reconnect_ms: 3000 };
+
 /// The name of the simulated rig's port.
 pub const SIMULATED: &str = "sim";
 
@@ -117,7 +120,7 @@ impl Connection {
             let links = simulated
                 .transports()
                 .into_iter()
-                .map(|transport| Link::open(wrap(transport), session, role, LinkOptions::default()))
+                .map(|transport| Link::open(wrap(transport), session, role, SIMULATED_LINK))
                 .collect::<Result<Vec<_>, _>>()?;
             let axes = match &rig {
                 Some(rig) if is_of_simulated_rig(rig) => places(Some(rig), &links)?,
@@ -148,7 +151,7 @@ impl Connection {
     ///
     /// # Errors
     /// What is wrong with the rig's file.
-    pub fn latency(&self) -> anyhow::Result<Option<parfocal::autofocus::Latency>> {
+    pub fn latency(&self) -> anyhow::Result<Option<parfocal::frames::pacing::Latency>> {
         let Some(path) = &self.rig else { return Ok(None) };
         let rig = Rig::load(path).with_context(|| path.display().to_string())?;
         Ok(rig.contents().camera.as_ref().and_then(|c| c.latency.as_ref()).map(|l| l.in_force()))

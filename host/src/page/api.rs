@@ -217,7 +217,9 @@ async fn click(State(app): State<App>, _: Operator, Body(click): Body<Click>) ->
     let at = Pixel { x_px: click.x_px, y_px: click.y_px };
     let picture = app.desk.feed.latest().map(|(_, frame)| (frame.picture.width as f64, frame.picture.height as f64));
     let inside = |v: f64, size: f64| v >= -0.5 && v <= size - 0.5;
-    if !picture.is_some_and(|(width, height)| inside(at.x_px, width) && inside(at.y_px, height)) {
+    let none = || Failure::new(StatusCode::SERVICE_UNAVAILABLE, "the camera has given no frame yet");
+    let (width, height) = picture.ok_or_else(none)?;
+    if !inside(at.x_px, width) || !inside(at.y_px, height) {
         return Err(Failure::value("x_px, y_px: not in the picture"));
     }
     let id = app.order(Order::Click { device: click.device, at }).await?;

@@ -49,8 +49,7 @@ fn options(seed: u64) -> Options {
 
 fn solve_camera(rig: &Rig, samples: &[Sample], seed: u64) -> Result<Solved, String> {
     let contents = rig.contents();
-    let known =
-        contents.camera.as_ref().ok_or("the rig does not know its camera's size: it is learnt with the first frame")?;
+    let known = contents.camera.as_ref().ok_or("the camera has given no frame, so its size is not known")?;
     let (sensor, window) = (Sensor { width_px: known.width_px, height_px: known.height_px }, Window::of(known));
     let points: Vec<_> = samples.iter().map(Sample::camera).collect();
     let moves = what_moves(rig).map_err(|e| e.to_string())?;

@@ -8,7 +8,7 @@ use crate::procedure::{
     Answer, CameraPlan, Clicker, DetectorFinder, FramePixel, LiveRig, Parts, PointFinder, ProcedureError, Progress,
     Purpose, Recorder, RegistrationPlan, Sample, Subject, Window, camera, clicks, registration,
 };
-use crate::rig::{ManipulatorNumber, Rig};
+use crate::rig::{Camera, ManipulatorNumber, Rig};
 use crate::stage::Stage;
 use serde::Serialize;
 use std::sync::Arc;
@@ -269,6 +269,7 @@ impl Calibration {
         going: &Arc<impl Fn() -> bool + Send + Sync + 'static>,
         recorder: &mut Recorder,
     ) -> Result<(), ProcedureError> {
+        learn_the_size(desk);
         let rig = desk.rig().clone();
         let mut feed = desk.feed.camera(going.clone());
         let mut focuser = PageFocuser::new(desk.clone());
@@ -296,6 +297,17 @@ impl Calibration {
             }
         }
     }
+}
+
+/// A rig that does not know its camera's size learns it from a frame.
+fn learn_the_size(desk: &Desk) {
+    let Some((_, frame)) = desk.feed.latest() else { return };
+    let (Ok(width_px), Ok(height_px)) = (u32::try_from(frame.picture.width), u32::try_from(frame.picture.height))
+    else {
+        return;
+    };
+    let sensor = Camera { width_px, height_px, crop_px: None, binning: 1, calibration: None, latency: None };
+    desk.rig().contents_mut().camera.get_or_insert(sensor);
 }
 
 /// Puts the procedure's questions on the desk, until it ends or is told to.

@@ -106,7 +106,7 @@ fn anyone_may_stop_a_move_and_a_scan() {
     assert_eq!(stop().status, 200);
     let state = served.until("it stops", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
     assert!(state["axes"][0]["position_um"].as_f64().unwrap() < 8900.0);
-    assert_eq!(state["axes"][0]["trust"], "known");
+    assert_ne!(state["axes"][0]["trust"], "lost");
 
     assert_eq!(served.post("/api/autofocus", &json!({ "strategy": "scan" })).status, 200);
     served.until("it scans", 20, |s| s["focus"]["samples"].as_u64() > Some(5));
@@ -135,10 +135,11 @@ fn a_browser_that_never_reads_slows_nothing() {
             socket
         })
         .collect();
-    let body = json!({ "range_um": [-6.0, 6.0], "strategy": "scan", "wait": true });
-    let scanned = served.post("/api/autofocus", &body);
-    assert_eq!(scanned.status, 200, "{scanned:?}");
-    assert!(served.state()["focus"]["samples"].as_u64().unwrap() >= 20, "{}", served.state()["focus"]);
+    let body = json!({ "range_um": [-4.0, 4.0], "strategy": "scan" });
+    let begun = served.post("/api/autofocus", &body);
+    assert_eq!(begun.status, 200, "{begun:?}");
+    let state = served.until("the scan ends", 120, |s| s["activity"]["doing"] == "idle");
+    assert!(state["focus"]["samples"].as_u64().unwrap() >= 12, "{}", state["focus"]);
     let frame = served.state()["camera"]["frame"].as_u64();
     served.until("pictures go on", 10, |s| s["camera"]["frame"].as_u64() > frame);
     drop(deaf);

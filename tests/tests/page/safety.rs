@@ -57,9 +57,9 @@ fn other_pages_and_other_names_move_nothing() {
     let bad: Vec<Vec<(&str, &str)>> = vec![
         vec![("origin", "http://evil.example")],
         vec![("origin", "null")],
-        vec![("origin", &other_port)],
-        vec![("host", &rebound)],
-        vec![("host", &rebound), ("origin", &own)],
+        vec![("origin", other_port.as_str())],
+        vec![("host", rebound.as_str())],
+        vec![("host", rebound.as_str()), ("origin", own.as_str())],
         vec![("host", "")],
         vec![("sec-fetch-site", "cross-site")],
         vec![("sec-fetch-site", "same-site")],
@@ -194,6 +194,7 @@ fn ten_thousand_random_bodies_are_refused_and_move_nothing() {
 fn impossible_values_are_refused_in_words() {
     let mut served = Served::start(&[]);
     served.take();
+    served.until("pictures come", 30, |s| s["camera"]["health"] == "running");
     let before = positions(&served);
     for (path, body, says) in [
         ("/api/move", json!({ "to_um": { "scope.z": 1e9 } }), "scope.z"),

@@ -129,7 +129,7 @@ impl Objective {
 
 /// Puts an objective into the light path: turns the simulated turret, or asks a person. The rig's file says so at once,
 /// whatever becomes of the calibration.
-fn change(path: &Path, name: &str, around: &Around) -> Result<(), String> {
+pub(super) fn change(path: &Path, name: &str, around: &Around) -> Result<(), String> {
     match &around.simulated {
         Some(rig) => rig.set_objective(name)?,
         None => {

@@ -13,6 +13,7 @@ export class Wizard {
   #step = "camera";
   #detector = false;
   #places = 6;
+  #within = 25;
 
   constructor(connection, fail) {
     this.#connection = connection;
@@ -55,7 +56,7 @@ export class Wizard {
   show(state) {
     const yours = this.#connection.yours;
     const idle = state.activity.doing === "idle";
-    const now = JSON.stringify([state.calibration, state.calibrated, yours, idle, this.#step, this.#detector, this.#places]);
+    const now = JSON.stringify([state.calibration, state.calibrated, yours, idle, this.#step, this.#detector, this.#places, this.#within]);
     if (now === this.#drawn) return;
     this.#drawn = now;
     const held = document.activeElement?.closest("#calibration") ? document.activeElement.id : null;
@@ -102,6 +103,10 @@ export class Wizard {
       type: "number", id: "places", min: "3", max: "40", value: String(this.#places), "aria-label": "Places",
       onchange: ({ target }) => (this.#places = Math.min(40, Math.max(3, Math.round(Number(target.value) || 6)))),
     });
+    const within = element("input", {
+      type: "number", id: "within", min: "2", max: "200", value: String(this.#within), "aria-label": "How far the focus may be, µm",
+      onchange: ({ target }) => (this.#within = Math.min(200, Math.max(2, Number(target.value) || 25))),
+    });
     const detector = element("input", {
       type: "checkbox", id: "detector", checked: this.#detector,
       onchange: ({ target }) => (this.#detector = target.checked),
@@ -112,13 +117,14 @@ export class Wizard {
       element("div", { class: "bar" },
         element("button", { type: "button", id: "begin", class: "main", disabled: !ready || blocked, onclick: () => this.#start() }, "Begin"),
         element("label", {}, places, " places"),
+        element("label", {}, "focus within ", within, " µm"),
         element("label", {}, detector, " the program finds the tip")),
     ].filter(Boolean);
   }
 
   #start() {
     const camera = this.#step === "camera";
-    const body = { what: camera ? "camera" : "registration", by: this.#detector ? "detector" : "click", places: this.#places };
+    const body = { what: camera ? "camera" : "registration", by: this.#detector ? "detector" : "click", places: this.#places, focus_within_um: this.#within };
     if (!camera) body.manipulator = this.#step;
     else if (this.#detector) body.manipulator = "m1";
     this.#post("start", body);
