@@ -64,6 +64,7 @@ fn samples_in(folder: &Path) -> usize {
 }
 
 #[test]
+#[ignore = "minutes of drawing, focusing and detecting: run it with --ignored and an optimised build; not seen to end yet"]
 fn a_newcomer_calibrates_the_simulated_rig_and_sends_a_tip_to_a_pixel() {
     let here = Folder::new();
     let (code, camera) = here.run(&["calibrate", "camera", "--places", "6"]);
