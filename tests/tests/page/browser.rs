@@ -142,9 +142,9 @@ fn click_through(served: &Served, browser: &Browser) -> Value {
 fn camera_and_manipulator_are_calibrated_by_clicks() {
     let Some((served, browser)) = page() else { return };
     // Near focus, as a person would begin.
-    assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 3.0 }, "wait": true }))["ok"], true);
+    assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }))["ok"], true);
     browser.click("#step-camera");
-    for (field, value) in [("places", 3), ("within", 6)] {
+    for (field, value) in [("places", 3), ("within", 12)] {
         browser.run(&format!(
             "const f = document.getElementById('{field}'); f.value = {value}; f.dispatchEvent(new Event('change'))"
         ));

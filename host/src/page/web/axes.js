@@ -43,8 +43,10 @@ export class Axes {
     for (const axis of state.axes) {
       const row = this.#rows.get(axis.name);
       const known = axis.position_um !== null;
-      row.place.replaceChildren(known ? axis.position_um.toFixed(2) : "–", element("small", {}, " µm"));
-      row.place.title = `${axis.name}: ${axis.low_um} to ${axis.high_um} µm, position ${axis.trust}. Click to type where to go.`;
+      // Only the text changes: a click on an element that was replaced meanwhile would be lost.
+      say(row.value, known ? axis.position_um.toFixed(2) : "–");
+      const title = `${axis.name}: ${axis.low_um} to ${axis.high_um} µm, position ${axis.trust}. Click to type where to go.`;
+      if (row.place.title !== title) row.place.title = title;
       const share = known ? (axis.position_um - axis.low_um) / (axis.high_um - axis.low_um) : 0;
       row.needle.style.left = `${100 * Math.min(1, Math.max(0, share))}%`;
       row.row.classList.toggle("moving", axis.moving);
@@ -90,21 +92,31 @@ export class Axes {
       made.addEventListener("contextmenu", (event) => event.preventDefault());
       return made;
     };
-    const place = element("button", { type: "button", class: "place", id: `place-${axis.name}`, onclick: () => this.#type(axis.name) });
+    const value = element("span", {});
+    const place = element("button", {
+      type: "button", class: "place", id: `place-${axis.name}`, onclick: () => this.#type(axis.name),
+    }, value, element("small", {}, " µm"));
     const needle = element("i");
     const limits = element("div", { class: "travel" }, needle);
     const buttons = [button(-1, "−"), button(1, "+")];
     const row = element("div", { class: "axis" },
       element("span", { class: "name" }, axis.name.split(".")[1]), buttons[0], limits, buttons[1], place);
-    this.#rows.set(axis.name, { row, place, needle, limits, buttons, top: axis.speed_um_s });
+    this.#rows.set(axis.name, { row, place, value, needle, limits, buttons, top: axis.speed_um_s });
     return row;
   }
 
   /** Lets the person type where an axis shall go. */
   #type(name) {
     const { row, place } = this.#rows.get(name);
-    const input = element("input", { type: "text", inputmode: "decimal", "aria-label": `${name} to, µm`, value: place.textContent.replace(/[^\d.-]/g, "") });
-    const back = () => input.isConnected && input.replaceWith(place);
+    const input = element("input", { type: "text", inputmode: "decimal", "aria-label": `${name} to, µm`, value: this.#rows.get(name).value.textContent.replace("–", "") });
+    let open = true;
+    // Taking the field away makes it lose the keyboard, which would take it away again.
+    const back = () => {
+      if (open) {
+        open = false;
+        input.replaceWith(place);
+      }
+    };
     input.addEventListener("keydown", async (event) => {
       event.stopPropagation();
       if (event.key === "Escape") back();
@@ -116,6 +128,7 @@ export class Axes {
     });
     input.addEventListener("blur", back);
     row.replaceChild(input, place);
+    input.focus();
     input.select();
   }
 
