@@ -2,6 +2,7 @@
 
 mod eyes;
 mod faults;
+mod seen;
 mod unattended;
 #[path = "../live/world.rs"]
 #[allow(dead_code, reason = "the live procedures' tests use the rest")]

@@ -9,7 +9,7 @@ use parfocal::rig::Rig;
 use parfocal_protocol::units::Micrometres;
 
 /// Sends every tip to random pixels; the largest distance in xy from where those are, µm.
-fn farthest_off(world: &World, rig: &Rig, seed: u64) -> f64 {
+pub fn farthest_off(world: &World, rig: &Rig, seed: u64) -> f64 {
     let mut stage = world.stage();
     let keep_on = || true;
     let mut guard = Guard::new(&mut stage, rig, &keep_on);
