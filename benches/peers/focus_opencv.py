@@ -5,8 +5,9 @@
     venv/bin/python benches/peers/focus_opencv.py [--parfocal target/release/parfocal] [--rounds 5] [--json]
 
 One thread each; the picture (2448x2048, 8 bits) is in the cache. A round times each measure in OpenCV, then in Parfocal,
-each as the median of several runs; the ratio is that of the medians over the rounds. For OpenCV the fastest idiom that we
-know is taken, with its outputs allocated beforehand. Parfocal sums over the pixels with a whole neighbourhood, OpenCV
+each as the median of several runs; the ratio is that of the medians over the rounds. On a machine that others use as well,
+whoever takes longer is interrupted more often: 'at best' compares the fastest rounds instead. For OpenCV the fastest idiom that we
+know is taken, with its outputs allocated beforehand (its own dot product of 8-bit pictures is not reachable from Python). Parfocal sums over the pixels with a whole neighbourhood, OpenCV
 invents a border of one pixel; that is 0.2 % of the work. Values are compared too, where both compute the same.
 """
 
@@ -50,6 +51,10 @@ def idioms(grey):
         cv2.Laplacian(grey, cv2.CV_16S, dst=a16, ksize=1)
         return cv2.meanStdDev(a16)[1][0, 0] ** 2
 
+    def laplacian_and_norm():
+        cv2.Laplacian(grey, cv2.CV_16S, dst=a16, ksize=1)
+        return square(a16) / pixels - (cv2.sumElems(a16)[0] / pixels) ** 2
+
     def sobel():
         cv2.Sobel(grey, cv2.CV_16S, 1, 0, dst=a16)
         cv2.Sobel(grey, cv2.CV_16S, 0, 1, dst=b16)
@@ -65,6 +70,10 @@ def idioms(grey):
     def normalised_variance():
         mean, deviation = cv2.meanStdDev(grey)
         return deviation[0, 0] ** 2 / mean[0, 0]
+
+    def norm_and_sum():
+        mean = cv2.sumElems(grey)[0] / pixels
+        return (square(grey) / pixels - mean**2) / mean
 
     def multiply_and_sum():
         cv2.subtract(near, far, dst=narrow16, dtype=cv2.CV_16S)
@@ -86,11 +95,11 @@ def idioms(grey):
         return -float((share * np.log2(share)).sum())
 
     return {
-        "variance-of-laplacian": [variance_of_laplacian],
+        "variance-of-laplacian": [variance_of_laplacian, laplacian_and_norm],
         "vollath-f4": [multiply_and_sum, four_norms, two_norms],
         "tenengrad": [sobel, spatial_gradient],
         "brenner": [brenner],
-        "normalised-variance": [normalised_variance],
+        "normalised-variance": [normalised_variance, norm_and_sum],
         "entropy": [entropy],
     }
 
@@ -139,15 +148,22 @@ def main():
                 ms = statistics.median(peers[function.__name__])
                 mine = statistics.median(own)
                 results.append(
-                    {"measure": measure, "idiom": function.__name__, "opencv_ms": ms, "parfocal_ms": mine, "ratio": ms / mine}
+                    {
+                        "measure": measure,
+                        "idiom": function.__name__,
+                        "opencv_ms": ms,
+                        "parfocal_ms": mine,
+                        "ratio": ms / mine,
+                        "ratio_at_best": min(peers[function.__name__]) / min(own),
+                    }
                 )
     if given.json:
         print(json.dumps({"opencv": cv2.__version__, "width": WIDTH, "height": HEIGHT, "results": results}))
         return
     print(f"OpenCV {cv2.__version__}, {WIDTH}x{HEIGHT} 8-bit, one thread, median of {given.rounds} interleaved rounds")
-    print(f"{'measure':<24}{'OpenCV idiom':<24}{'OpenCV ms':>10}{'Parfocal ms':>13}{'faster':>9}")
+    print(f"{'measure':<24}{'OpenCV idiom':<24}{'OpenCV ms':>10}{'Parfocal ms':>13}{'faster':>9}{'at best':>9}")
     for r in results:
-        print(f"{r['measure']:<24}{r['idiom']:<24}{r['opencv_ms']:>10.3f}{r['parfocal_ms']:>13.3f}{r['ratio']:>8.2f}x")
+        print(f"{r['measure']:<24}{r['idiom']:<24}{r['opencv_ms']:>10.3f}{r['parfocal_ms']:>13.3f}{r['ratio']:>8.2f}x{r['ratio_at_best']:>8.2f}x")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
 mod autofocus;
 mod page;
 mod ransac;
+mod tips;
 
 use clap::{Parser, Subcommand};
 
@@ -23,6 +24,8 @@ enum Bench {
     Page(page::Arguments),
     /// Robust registration of points of which some are wrong
     Ransac(ransac::Arguments),
+    /// Tips of micropipettes in random scenes
+    Tips(tips::Arguments),
 }
 
 fn main() -> anyhow::Result<()> {
@@ -30,5 +33,6 @@ fn main() -> anyhow::Result<()> {
         Bench::Autofocus(arguments) => autofocus::run(&arguments),
         Bench::Page(arguments) => page::run(&arguments),
         Bench::Ransac(arguments) => ransac::run(&arguments),
+        Bench::Tips(arguments) => tips::run(&arguments),
     }
 }

@@ -40,6 +40,9 @@ pub struct Arguments {
     /// Solve each set this often and give the fastest time: other programs on the machine only ever slow one down
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeat: u32,
+    /// Keep each set's tolerance from the solver: it finds one
+    #[arg(long)]
+    estimate_tolerance: bool,
     /// Only sets of this kind
     #[arg(long)]
     kind: Option<String>,
@@ -110,7 +113,13 @@ fn answer<'a, const D: usize>(
 ) -> anyhow::Result<(Answer<'a>, Option<Score>)> {
     let (src, dst) = (set.points::<D>(&set.src)?, set.points::<D>(&set.dst)?);
     let (seed, estimator) = (arguments.seed, arguments.estimator);
-    let settings = Settings { tolerance: Some(set.tol), seed, prior, estimator, ..Settings::new(model) };
+    let settings = Settings {
+        tolerance: (!arguments.estimate_tolerance).then_some(set.tol),
+        seed,
+        prior,
+        estimator,
+        ..Settings::new(model)
+    };
     let mut us = f64::INFINITY;
     let mut solved = None;
     for _ in 0..arguments.repeat {

@@ -67,6 +67,18 @@ impl Exact {
     }
 }
 
+/// Greatest distance of edges from their exact times, ticks, given each one's in parts of a tick; the begin of the path, a
+/// whole tick, is where it fits best.
+pub fn fitted(off: impl Iterator<Item = i64>) -> f64 {
+    let (low, high) = off.fold((i64::MAX, i64::MIN), |(low, high), off| (low.min(off), high.max(off)));
+    if low > high {
+        return 0.0;
+    }
+    let begin = low.midpoint(high) / FINE as i64;
+    let best = (begin - 1..=begin + 1).map(|b| (high - b * FINE as i64).abs().max((low - b * FINE as i64).abs()));
+    best.min().unwrap_or(0) as f64 / FINE as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

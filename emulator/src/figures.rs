@@ -24,7 +24,7 @@ pub struct Figures {
     /// The same on three axes together.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub single_edge_steps_per_s_3_axes: Option<u64>,
-    /// Instructions of the step interrupt a step at constant speed, rising edges.
+    /// Instructions of the step interrupt a step at constant speed, rising edges: a record a step.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instructions_per_step_cruise: Option<f64>,
     /// The same while speeding up.
@@ -33,7 +33,10 @@ pub struct Figures {
     /// Instructions of the step interrupt a step at constant speed, both edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instructions_per_edge_cruise: Option<f64>,
-    /// Mean part of its period that the step interrupt takes, one axis at its top rate, both edges.
+    /// The same while speeding up. A record has two edges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions_per_edge_ramp: Option<f64>,
+    /// Greatest part of its period that the step interrupt takes in a whole move, one axis at its top rate, both edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub service_load_1_axis: Option<f64>,
     /// The same, three axes.
@@ -42,9 +45,13 @@ pub struct Figures {
     /// Greatest distance of a camera pulse from its step, ticks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trigger_jitter_ticks: Option<u64>,
-    /// The board's decision after a scan's sample, µs: instructions × 1.5 at 168 MHz, interrupts included; the slowest.
+    /// The board's decision after a scan's sample, µs: instructions × 1.5 at 168 MHz, interrupts included; the slowest but for the
+    /// last, which judges the whole curve.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_decision_us: Option<f64>,
+    /// The same until the next move is planned and the answer queued.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_to_move_us: Option<f64>,
     /// From a sample sent over USB to the answer, by when the next move is decided: the slowest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_round_trip_ms: Option<f64>,

@@ -62,6 +62,21 @@ impl Board for Nucleo {
     }
 }
 
+/// Start of system memory, where ST's bootloader lies (RM0090 section 2.4).
+const SYSTEM_MEMORY: u64 = 0x1fff_0000;
+
+/// Where what stands in for it begins.
+pub const BOOTLOADER: u64 = SYSTEM_MEMORY + 0x100;
+
+/// ST's bootloader is not ours to run: a stack, an entry, and a branch to itself take its place.
+fn bootloader() -> Vec<u8> {
+    let mut bytes = vec![0; 0x104];
+    bytes[..4].copy_from_slice(&0x2000_2000u32.to_le_bytes());
+    bytes[4..8].copy_from_slice(&(BOOTLOADER as u32 | 1).to_le_bytes());
+    bytes[0x100..].copy_from_slice(&0xe7fe_e7feu32.to_le_bytes());
+    bytes
+}
+
 /// What the core's thread is told.
 enum Order {
     /// Run up to this instant, ns.
@@ -74,8 +89,8 @@ enum Order {
     Hold(bool),
     /// Put a word into RAM.
     Poke { address: u64, value: u32 },
-    /// Put a word into memory that the core only reads.
-    Program { address: u64, value: u32 },
+    /// Put another half-word into the program, and tell what was there.
+    Replace { address: u64, value: u16 },
     /// Count instructions between these places.
     Watch(Watch),
     /// That was all.
@@ -84,14 +99,15 @@ enum Order {
 
 /// What it answers.
 enum Answer {
-    At { nanos: u64, instructions: u64 },
+    At { nanos: u64, instructions: u64, resets: usize },
     Level(bool),
+    Word(u16),
 }
 
 /// A passage of the core at a watched place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hit {
-    /// The instruction's address, or the address written.
+    /// The instruction's address.
     pub address: u64,
     /// Instructions executed so far.
     pub instructions: u64,
@@ -141,6 +157,7 @@ pub struct Machine {
     thread: JoinHandle<anyhow::Result<Report>>,
     nanos: u64,
     instructions: u64,
+    resets: usize,
 }
 
 impl Machine {
@@ -159,7 +176,15 @@ impl Machine {
     pub fn start_with(elf: &Path, flash: Arc<Mutex<Vec<u8>>>) -> anyhow::Result<Self> {
         let kept = flash.lock().expect("nothing else runs").clone();
         let program = Program::read(elf)?;
-        let image = Image::read(elf, None).map_err(|e| anyhow!("{}: {e}", elf.display()))?;
+        let mut images = vec![Image::read(elf, None).map_err(|e| anyhow!("{}: {e}", elf.display()))?];
+        let mut place = |name: &str, bytes, at| -> anyhow::Result<()> {
+            images.push(Image::new(Path::new(name), bytes, Some(at)).map_err(|e| anyhow!("{name}: {e}"))?);
+            Ok(())
+        };
+        place("bootloader", bootloader(), SYSTEM_MEMORY)?;
+        if !kept.is_empty() {
+            place("flash bank 2", kept, crate::flash::BANK_2)?;
+        }
         let world = World { flash, ..World::default() };
         let outside = world.clone();
         let (orders, inbox) = channel();
@@ -168,7 +193,6 @@ impl Machine {
             let board = Box::new(Nucleo { chip: Chip::new(&outside) });
             let session = Session::new(board, 0, VirtualNanos(1)).map_err(|e| anyhow!("{e}"))?;
             let runner = Runner { inbox, outbox, hits: Vec::new() };
-            let images = [image];
             let finished =
                 emulator::run(session, &Start::new(&images), runner).map_err(|e| anyhow!("the run failed: {e}"))?;
             let session = finished.session;
@@ -185,14 +209,8 @@ impl Machine {
                 resets: session.resets().len(),
             })
         });
-        let mut machine = Self { world, program, orders, answers, thread, nanos: 0, instructions: 0 };
+        let mut machine = Self { world, program, orders, answers, thread, nanos: 0, instructions: 0, resets: 0 };
         machine.wait()?;
-        for (word, at) in kept.chunks_exact(4).zip((crate::flash::BANK_2..).step_by(4)) {
-            let value = u32::from_le_bytes([word[0], word[1], word[2], word[3]]);
-            if value != u32::MAX {
-                machine.program(at, value);
-            }
-        }
         Ok(machine)
     }
 
@@ -203,8 +221,10 @@ impl Machine {
 
     fn wait(&mut self) -> anyhow::Result<()> {
         match self.answers.recv().context("the core stopped")? {
-            Answer::At { nanos, instructions } => (self.nanos, self.instructions) = (nanos, instructions),
-            Answer::Level(_) => unreachable!("no level was asked for"),
+            Answer::At { nanos, instructions, resets } => {
+                (self.nanos, self.instructions, self.resets) = (nanos, instructions, resets);
+            }
+            Answer::Level(_) | Answer::Word(_) => unreachable!("nothing was asked for"),
         }
         Ok(())
     }
@@ -241,8 +261,25 @@ impl Machine {
         self.tell(Order::Level { port, pin });
         match self.answers.recv().context("the core stopped")? {
             Answer::Level(high) => Ok(high),
-            Answer::At { .. } => unreachable!("it does not run"),
+            Answer::At { .. } | Answer::Word(_) => unreachable!("it does not run"),
         }
+    }
+
+    /// Puts another half-word into the program; the one that was there.
+    ///
+    /// # Errors
+    /// When the core has stopped for good.
+    pub fn replace(&mut self, address: u64, value: u16) -> anyhow::Result<u16> {
+        self.tell(Order::Replace { address, value });
+        match self.answers.recv().context("the core stopped")? {
+            Answer::Word(before) => Ok(before),
+            Answer::At { .. } | Answer::Level(_) => unreachable!("it does not run"),
+        }
+    }
+
+    /// Resets since power-on.
+    pub fn resets(&self) -> usize {
+        self.resets
     }
 
     /// Holds the core, or lets it go, while everything else goes on: as if it had masked its interrupts and spun.
@@ -255,19 +292,9 @@ impl Machine {
         self.tell(Order::Poke { address, value });
     }
 
-    /// Puts a word into flash or system memory, as a programmer on the bench does.
-    pub fn program(&self, address: u64, value: u32) {
-        self.tell(Order::Program { address, value });
-    }
-
     /// Counts passages at an instruction, from now on.
     pub fn watch_instruction(&self, address: u64) {
         self.tell(Order::Watch(Watch::Instruction(address)));
-    }
-
-    /// Counts stores into a word, from now on.
-    pub fn watch_word(&self, address: u64) {
-        self.tell(Order::Watch(Watch::Writes { address, length: 4 }));
     }
 
     /// Switches off, and says what is left.
@@ -295,7 +322,8 @@ impl Driver<Nucleo> for Runner {
     }
 
     fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, core: &mut dyn CoreHost) -> Option<VirtualNanos> {
-        let at = Answer::At { nanos: stop.at.0, instructions: stop.instruction_count };
+        let resets = session.resets().len();
+        let at = Answer::At { nanos: stop.at.0, instructions: stop.instruction_count, resets };
         self.outbox.send(at).ok()?;
         // No order means that nobody wants the board any more.
         while let Ok(order) = self.inbox.recv() {
@@ -311,7 +339,11 @@ impl Driver<Nucleo> for Runner {
                 Order::Hold(held) => core.hold(held),
                 // Not RAM: an error of the scenario, which ends the run.
                 Order::Poke { address, value } => core.write(address, Width::W32, value.into()).ok()?,
-                Order::Program { address, value } => core.program(address, Width::W32, value.into()).ok()?,
+                Order::Replace { address, value } => {
+                    let before = core.read(address, Width::W16).ok()?;
+                    core.program(address, Width::W16, value.into()).ok()?;
+                    self.outbox.send(Answer::Word(before as u16)).ok()?;
+                }
                 Order::Watch(watch) => session.watch(watch),
                 Order::End => return None,
             }

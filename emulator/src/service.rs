@@ -17,12 +17,13 @@ const CYCLES_PER_INSTRUCTION: f64 = 1.5;
 /// Cycles to enter and to leave an interrupt (ARM, Cortex-M4 TRM: 12 each way); the emulation takes none.
 const ENTRY_CYCLES: f64 = 24.0;
 
-/// Instructions behind the last that is seen: the interrupt's return.
-const TAIL: u64 = 8;
+/// Instructions from the last place that is seen to the interrupt's return: that function itself, and the registers popped.
+const TAIL: u64 = 24;
 
-/// The interrupt, and the last thing that it writes.
+/// The interrupt, and the last function that it calls. Both are watched as instructions: watching a word of RAM would take every
+/// access to its page through the slow path, the engine's own among them.
 const ENTRY: &str = "SysTick";
-const LAST: &str = "parfocal_firmware::board::watchdog::SEEN";
+const LAST: &str = "parfocal_firmware::board::watchdog::check_in";
 
 /// One run of the interrupt.
 #[derive(Clone, Copy, Debug)]
@@ -50,7 +51,7 @@ impl Service {
 /// When the program has no such interrupt.
 pub fn watch(board: &Machine) -> anyhow::Result<()> {
     board.watch_instruction(board.program.address(ENTRY)?);
-    board.watch_word(board.program.address(LAST)?);
+    board.watch_instruction(board.program.address(LAST)?);
     Ok(())
 }
 
@@ -65,7 +66,7 @@ pub fn services(board_entry: u64, hits: &[Hit]) -> anyhow::Result<Vec<Service>> 
         if hit.address == board_entry {
             open = Some(hit);
         } else if let Some(begin) = open.take() {
-            // The first write after the entry is the interrupt's own: nothing interrupts it.
+            // The first call after the entry is the interrupt's own: nothing interrupts it.
             let since = found.last().map_or(0, |before: &Service| begin.nanos - before.nanos);
             found.push(Service {
                 nanos: begin.nanos,

@@ -24,6 +24,9 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// How far the board runs between two looks at the link.
 const LOOK: Duration = Duration::from_micros(200);
 
+/// The same while nothing is asked: the board moves meanwhile, and an event may wait.
+const IDLE_LOOK: Duration = Duration::from_millis(1);
+
 /// A session with the board in a [`Machine`].
 pub struct Talk {
     link: Link,
@@ -150,7 +153,7 @@ impl Talk {
             if board.now() >= until {
                 bail!("the event that was waited for did not come within {patience:?}");
             }
-            board.run_for(LOOK)?;
+            board.run_for(IDLE_LOOK)?;
             self.receive(board, Sequence(0));
         }
     }

@@ -25,7 +25,7 @@ pub fn now() -> BoardTime {
 }
 
 /// Runs the controller for ever.
-pub async fn run<B: Board>(mut controller: Controller<B>) -> ! {
+pub async fn run<B: Board>(controller: &mut Controller<B>) -> ! {
     let mut connections = [(&USB, Link(0)), (&SERIAL, Link(1))].map(|(bytes, link)| Connection {
         bytes,
         link,
@@ -37,7 +37,7 @@ pub async fn run<B: Board>(mut controller: Controller<B>) -> ! {
         let _ = with_timeout(TICK, ARRIVED.wait()).await;
         check_in(Part::Control);
         for connection in &mut connections {
-            connection.answer(&mut controller);
+            connection.answer(controller);
         }
         while let Some(event) = controller.poll(now()) {
             let (frame, n) = encode_message(&event);

@@ -226,6 +226,20 @@ fn a_last_look_that_is_blurrier_is_refused() {
 }
 
 #[test]
+fn a_start_near_the_peak_is_not_left_for_a_worse_place() {
+    let p = ScanParameters { verify: true, ..parameters(100) };
+    // The start is nearly as sharp as the peak; before the last look the object moves back to where the start is sharp.
+    let (_, found, _) = play(&p, 0.0, |_, z| Ok(peak(z, 4.0, 12.0)));
+    for moved in [1.0, 2.0, 3.0] {
+        let last = found.frames - 1;
+        let value = |k, z| Ok(peak(z, if k < last { 4.0 } else { 4.0 - 4.0 * moved }, 12.0));
+        let (outcome, _, z) = play(&p, 0.0, value);
+        let (here, start) = (peak(z, 4.0 - 4.0 * moved, 12.0), peak(0.0, 4.0 - 4.0 * moved, 12.0));
+        assert!(z == 0.0 || here >= peak(0.0, 4.0, 12.0), "{outcome:?} at {z}: {here}, {start} at the start");
+    }
+}
+
+#[test]
 fn a_phase_object_that_moved_before_the_last_look_is_refused() {
     let lobes = |z: f64| 1.0 + 40.0 * (z / 4.0) * (z / 4.0) * (-(z / 4.0) * (z / 4.0)).exp();
     let p = ScanParameters { subject: Subject::PhaseObject, verify: true, ..parameters(50) };
@@ -279,6 +293,9 @@ fn parameters_that_make_no_sense_are_refused_by_name() {
         assert_eq!(refused(ScanParameters { speed: MicrometresPerSecond(speed), ..good }, 0), Some(Field::Speed));
     }
     assert_eq!(refused(ScanParameters { sample_timeout: Milliseconds(0), ..good }, 0), Some(Field::SampleTimeout));
+    let wide = ScanParameters { mode: Mode::Sweep, low: Nanometres(-200_000), high: Nanometres(200_000), ..good };
+    assert_eq!(refused(wide, 0), Some(Field::SampleStep), "a sweep keeps its whole range");
+    assert_eq!(refused(ScanParameters { sample_step: Nanometres(1_600), ..wide }, 0), None);
 }
 
 #[test]
@@ -288,7 +305,8 @@ fn a_scan_fits_the_board() {
 
 /// A sweep: samples every `gap` µm that come `late` samples after they were exposed.
 fn sweep(start_um: f64, gap: i32, late: usize, noise: f64) -> (Outcome, Summary) {
-    let p = ScanParameters { mode: Mode::Sweep, ..parameters(200) };
+    // A sweep keeps its whole range: half a micrometre a place is too fine for 400.
+    let p = ScanParameters { mode: Mode::Sweep, sample_step: Nanometres(2_000), ..parameters(200) };
     let mut z = Nanometres((start_um * 1000.0) as i32);
     let mut g = Noise(9);
     let mut value = |z: Nanometres| Ok(FocusValue(peak(z.micrometres().0, 30.0, 9.0) * (1.0 + noise * g.next())));

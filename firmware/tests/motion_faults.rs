@@ -173,6 +173,60 @@ fn dma_beyond_its_bound_ends_in_a_flagged_stop() {
     assert!(matches!(events[..], [MotionEvent::Stopped { cause: StopCause::Underrun { .. }, .. }]), "{events:?}");
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// DMA later than the bound, at random: what came out is what is told, or the axis is flagged and everything stops.
+    #[test]
+    fn dma_beyond_its_bound_is_never_silent(latency in SHORTEST..3_000u32, both in any::<bool>()) {
+        let edges = if both { Edges::Both } else { Edges::Rising };
+        let (mut board, mut motion) = ready(edges);
+        begin(&mut board, &mut motion);
+        board.bench.timers.set_latency(latency);
+        let over = |e: &MotionEvent| matches!(e, MotionEvent::Stopped { .. } | MotionEvent::InPosition(_));
+        let events = board.run(&mut motion, 2000, over);
+        let stopped = matches!(events.last(), Some(MotionEvent::Stopped { cause: StopCause::Underrun { .. }, .. }));
+        prop_assert!(stopped || matches!(events.last(), Some(MotionEvent::InPosition(_))), "{:?}", events);
+        for axis in 0..4 {
+            let (told, seen) = (motion.steps(&mut board)[axis].0, board.seen(axis, both, false));
+            let lost = motion.status(&mut board, Axis(axis as u8)).trust == Trust::Lost;
+            prop_assert!(told == seen || (lost && stopped), "axis {}: {} told, {} seen, {:?}", axis, told, seen, events);
+        }
+        // No runaway: nothing comes any more.
+        let before = board.bench.changes.iter().filter(|c| c.step).count();
+        board.run(&mut motion, 50, |_| false);
+        prop_assert_eq!(board.bench.changes.iter().filter(|c| c.step).count(), before);
+    }
+}
+
+/// A short move is stopped at every one of its edges, to the tick, and a tick before and behind.
+#[test]
+fn a_stop_at_every_edge_keeps_count() {
+    let to = [Some(Nanometres(1_500)), Some(Nanometres(-700)), None, None];
+    for both in [false, true] {
+        let edges = if both { Edges::Both } else { Edges::Rising };
+        let (mut board, mut motion) = ready(edges);
+        motion.move_to(board.now(), &mut board, &to, None, Ending::Approach).unwrap();
+        board.run(&mut motion, 200, |e| matches!(e, MotionEvent::InPosition(_)));
+        let ticks: Vec<u64> = board.bench.changes.iter().filter(|c| c.step).map(|c| c.tick).collect();
+        assert!(ticks.len() >= 220, "{} edges", ticks.len());
+        for (i, tick) in ticks.into_iter().enumerate() {
+            let (mut board, mut motion) = ready(edges);
+            motion.move_to(board.now(), &mut board, &to, None, Ending::Approach).unwrap();
+            let at = tick + i as u64 % 3 - 1;
+            board.bench.run(at - at % u64::from(SERVICE));
+            board.bench.pass(at - board.bench.timers.tick());
+            motion.stop(board.now(), &mut board, StopCause::Asked);
+            let over = |e: &MotionEvent| matches!(e, MotionEvent::Stopped { .. } | MotionEvent::InPosition(_));
+            let events = board.run(&mut motion, 400, over);
+            assert!(events.last().is_some_and(over), "edge {i}: it does not end");
+            for axis in 0..4 {
+                assert_eq!(motion.steps(&mut board)[axis].0, board.seen(axis, both, false), "edge {i}, axis {axis}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_stop_at_every_record_keeps_count() {
     for both in [false, true] {

@@ -122,6 +122,12 @@ fn the_top_rate_of_either_kind() {
     check(&Case { tj: 840_000, ta: 15_000_000, tv: 3_000_000, steps: vec![n as u32], both: true });
 }
 
+/// From the far end of a stretch, where the acceleration is none, the search for an edge once stopped 20 ticks short.
+#[test]
+fn a_few_steps_of_two_axes_in_no_time() {
+    check(&Case { tj: 20_113, ta: 0, tv: 3_628, steps: vec![5, 4], both: true });
+}
+
 #[test]
 fn a_single_step_and_a_few() {
     for n in 1..12 {

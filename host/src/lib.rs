@@ -2,6 +2,7 @@
 //! manipulators, and finds pipette tips. The command `parfocal` is built on it.
 
 pub mod autofocus;
+pub mod autonomous;
 pub mod calibration;
 pub mod clock;
 pub mod focus;

@@ -26,13 +26,27 @@ fn main() -> ExitCode {
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) if error.is::<cmd::Refused>() => ExitCode::FAILURE,
         Err(error) => {
-            eprintln!("parfocal: {error:#}");
+            let error = said(&error);
+            eprintln!("parfocal: {error}");
             if out.json {
-                println!("{}", serde_json::json!({ "error": format!("{error:#}") }));
+                println!("{}", serde_json::json!({ "error": error }));
             }
             ExitCode::FAILURE
         }
     }
+}
+
+/// An error and its causes in one line; a cause that was said already is not said again.
+fn said(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 /// A reader that went away (`parfocal … | head`) is no failure.

@@ -85,6 +85,17 @@ pub struct ObjectiveModel {
     pub depth_of_field_um: f64,
 }
 
+impl ObjectiveModel {
+    /// A weak one, to find lost tips with; a model has it when it is added.
+    pub const SEARCHER: Self = Self {
+        name: "4x",
+        alpha: 10.06,
+        kappa_um: [-35.0, 22.0, 12.0],
+        optics: Optics::DRY_4X,
+        depth_of_field_um: 55.0,
+    };
+}
+
 /// A whole virtual rig. Board 0 is the microscope (x, y, z move the objective), board n manipulator n.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigModel {

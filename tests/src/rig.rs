@@ -101,7 +101,10 @@ pub struct Target {
 }
 
 /// Side of the target's picture, px.
-const SIDE: usize = 32;
+const SIDE: usize = 16;
+
+/// How often [`Target::phi`] is asked in an exposure.
+pub const LOOKS: usize = 11;
 
 /// A Gaussian of this FWHM, µm.
 pub fn gaussian(at: f64, fwhm: f64) -> impl FnMut(f64) -> f64 + Send {
@@ -125,12 +128,11 @@ impl Target {
     }
 
     fn picture(&mut self, times: &FrameTimes) -> Picture {
-        const PARTS: u64 = 20;
         let mut phi = 0.0;
-        for i in 0..=PARTS {
-            let at = times.begin + (times.end - times.begin) * i / PARTS;
+        for i in 0..LOOKS as u64 {
+            let at = times.begin + (times.end - times.begin) * i / (LOOKS as u64 - 1);
             let z = self.rig.lock().truth(0, Axis(2), at).0;
-            phi += (self.phi)(z) / (PARTS + 1) as f64;
+            phi += (self.phi)(z) / LOOKS as f64;
         }
         if self.glare {
             return Picture::grey16(SIDE, SIDE, vec![u16::MAX; SIDE * SIDE]).expect("a picture");

@@ -14,7 +14,7 @@ use parfocal_protocol::units::{
     Axis, BoardTime, FocusValue, Micrometres, MicrometresPerSecond, Milliseconds, Nanometres,
 };
 use parfocal_simulator::model::RigModel;
-use parfocal_tests::rig::{Shared, Target, gaussian, true_z};
+use parfocal_tests::rig::{LOOKS, Shared, Target, gaussian, true_z};
 use parfocal_tests::shared_data;
 
 const MODES: [Mode; 2] = [Mode::Step, Mode::Sweep];
@@ -52,14 +52,15 @@ fn what_cannot_be_focused_is_refused_with_its_reason_stepping_and_sweeping() {
             let plan = Plan { strategy, ..plan(mode) };
             for noise in [0, 60] {
                 let noisy = move |target: Target| Target { noise, ..target };
-                refused(&plan, &[NoContrast, NoSignificantPeak], |rig| noisy(Target::new(rig, |_| 0.3)));
+                // In nothing but noise, which of them is a matter of chance.
+                refused(&plan, &[NoContrast, NoSignificantPeak, PeakAtEdge], |rig| noisy(Target::new(rig, |_| 0.3)));
                 refused(&plan, &[PeakAtEdge], |rig| noisy(Target::new(rig, gaussian(139.0, 40.0))));
                 refused(&plan, &[PeakAtEdge], |rig| noisy(Target::new(rig, gaussian(-59.5, 40.0))));
                 refused(&plan, &[PeakAtEdge], |rig| noisy(Target::new(rig, gaussian(165.0, 60.0))));
                 let drifting = |rig: &Shared| {
                     let (mut peak, mut looks) = (gaussian(20.0, 30.0), 0.0);
                     noisy(Target::new(rig, move |z| {
-                        looks += 1.0 / 21.0;
+                        looks += 1.0 / LOOKS as f64;
                         peak(z) * (1.0 - 0.004f64 * looks).max(0.05)
                     }))
                 };
@@ -90,14 +91,14 @@ fn a_last_look_never_leaves_the_picture_blurrier_than_it_was_at_the_start() {
             source.camera.delivered.len()
         };
         // The light is dimmed, or the object moves, some frames before the end or right at it.
-        for before in [1, 2, 6] {
+        for before in [1, 4] {
             let from = frames.saturating_sub(before);
-            for (dimmed, moved) in [(0.5, 0.0), (1.0, 60.0), (1.0, -35.0), (0.2, 15.0)] {
+            for (dimmed, moved) in [(0.5, 0.0), (1.0, 60.0), (0.2, 15.0)] {
                 let (scanned, z) = scan(&plan, |rig| {
                     let (mut peak, mut looks) = (gaussian(-10.0, 25.0), 0usize);
                     Target::new(rig, move |z| {
                         looks += 1;
-                        if looks / 21 >= from { dimmed * peak(z - moved) } else { peak(z) }
+                        if looks / LOOKS >= from { dimmed * peak(z - moved) } else { peak(z) }
                     })
                 });
                 let mut after = gaussian(-10.0 + moved, 25.0);

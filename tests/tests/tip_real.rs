@@ -23,7 +23,7 @@ fn the_tip_is_found_near_where_the_operator_saw_it_and_points_up_the_rows() {
         let away = (tip.x_px - 29.31).hypot(tip.y_px - 15.12);
         assert!(away <= 4.0, "plane {plane}: {away:.2} px from the operator's point");
         // The shank lies towards larger rows, so the tip points to smaller ones.
-        assert!((tip.angle_deg + 90.0).abs() <= 3.5, "plane {plane}: {:.2} degrees", tip.angle_deg);
+        assert!((tip.angle_deg + 90.0).abs() <= 3.0, "plane {plane}: {:.2} degrees", tip.angle_deg);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::run::{cargo, check};
 
-/// Run a bench: `cargo xtask bench autofocus --help`, `cargo xtask bench ransac --help`
+/// Run a bench: `cargo xtask bench autofocus --help`, `… ransac --help`, `… tips --help`
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The bench and its arguments

@@ -29,7 +29,8 @@ impl Arguments {
         let elf = firmware::build()?;
         let size = firmware::size(&elf)?;
         // Nothing installs a toolchain by itself: the one that emulator/rust-toolchain.toml names.
-        check(in_emulator("rustup").args(["toolchain", "install"]))?;
+        // What rustup says is for people: stdout is the figures'.
+        check(in_emulator("rustup").args(["toolchain", "install"]).stdout(std::io::stderr()))?;
         let mut emulator = in_emulator("cargo");
         emulator.args(["run", "--quiet", "--"]).arg(&elf);
         emulator.args(["--flash-bytes", &size.flash_bytes.to_string(), "--ram-bytes", &size.ram_bytes.to_string()]);

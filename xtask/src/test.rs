@@ -55,10 +55,12 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 14] = [
+const EVERY_TIME: [&str; 16] = [
     "serial",
     "usb",
     "edges",
+    "exactness",
+    "cost",
     "telemetry",
     "scan",
     "scan-serial",
@@ -93,7 +95,7 @@ impl Step {
                         .env("RUSTDOCFLAGS", "-D warnings -A rustdoc::private_intra_doc_links"),
                 )
             }
-            // The rates take many minutes more: `cargo xtask emulate` plays them with the rest.
+            // The top rates take a minute more: `cargo xtask emulate` plays them with the rest.
             Self::Emulator => emulate::Arguments::of(&EVERY_TIME).run(),
         }
     }

@@ -22,6 +22,9 @@ const GRID: f64 = 0.01;
 /// this far to both sides of the broad peak: beyond, no bump is left.
 const LOOK: f64 = 20.0;
 
+/// A curve falls by this share of its height towards both ends of the range.
+const FALL: f64 = 0.06;
+
 /// `count` curves; the same seed gives the same ones.
 pub fn curves(count: u32, seed: u64) -> Curves {
     let curves = (0..u64::from(count)).map(|k| {
@@ -56,8 +59,10 @@ fn draw(id: u64, attempt: u64) -> Option<Truth> {
     curve.zstar = places[highest];
     let maxima = (1..values.len() - 1).filter(|&k| values[k] > values[k - 1] && values[k] >= values[k + 1]);
     let near = maxima.map(|k| places[k]).all(|z| (z - curve.zstar).abs() <= TRAP);
-    // Closer to an end of the range a peak is refused, as it should be.
-    (near && curve.zstar.abs() <= r - TRAP).then_some(curve)
+    // Where the curve does not fall enough inside the range, its peak is refused as being at the edge, as it should be.
+    let (top, ends) = (curve.phi(curve.zstar), [curve.phi(-r), curve.phi(r)]);
+    let falls = top - ends[0].max(ends[1]) >= FALL * (top - ends[0].min(ends[1]));
+    (near && falls && curve.zstar.abs() <= r - TRAP).then_some(curve)
 }
 
 #[cfg(test)]

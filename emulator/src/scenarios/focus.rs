@@ -30,14 +30,23 @@ const Z: Axis = Axis(2);
 pub fn over_usb(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     let (said, times) = scan(elf, Link::Usb)?;
     ensure!(times.decision_us < DECISION_US, "a decision took {:.0} µs, {DECISION_US} are allowed", times.decision_us);
+    ensure!(
+        times.planned_us < PLANNED_US,
+        "deciding and planning took {:.0} µs, {PLANNED_US} are allowed",
+        times.planned_us
+    );
     ensure!(times.answer_ms < ANSWER_MS, "an answer took {:.2} ms, {ANSWER_MS} are allowed", times.answer_ms);
     figures.sample_decision_us = Some((times.decision_us * 10.0).round() / 10.0);
+    figures.sample_to_move_us = Some((times.planned_us * 10.0).round() / 10.0);
     figures.sample_round_trip_ms = Some((times.answer_ms * 1000.0).round() / 1000.0);
     Ok(said)
 }
 
 /// Longest time that the board may take to decide after a sample, µs.
 const DECISION_US: f64 = 200.0;
+
+/// Longest time until the next move is planned, too, and the answer queued, µs.
+const PLANNED_US: f64 = 1500.0;
 
 /// Longest time from a sample sent over USB to the answer, by when the next move is decided, ms.
 const ANSWER_MS: f64 = 2.0;
@@ -47,8 +56,12 @@ const CYCLES_PER_INSTRUCTION: f64 = 1.5;
 
 /// How long the slowest sample took.
 struct Times {
-    /// The board's decision: from the sample in its hands to the answer in the queue.
+    /// The board's decision: from the sample in its hands to where the next one is wanted.
     decision_us: f64,
+    /// After the last sample: from it to where the focus is.
+    judgement_us: f64,
+    /// The same until that move is planned and begun, and the answer in the queue.
+    planned_us: f64,
     /// The whole way there and back.
     answer_ms: f64,
 }
@@ -93,6 +106,10 @@ fn scan(elf: &Path, link: Link) -> anyhow::Result<(String, Times)> {
     };
     let taken = board.program.address("parfocal_firmware::focusing::Focusing::sample")?;
     let answers = board.program.address("parfocal_firmware::board::links::Bytes::send")?;
+    let moves = board
+        .program
+        .address("parfocal_firmware::motion::moves::<impl parfocal_firmware::motion::facade::Motion>::move_to")?;
+    board.watch_instruction(moves);
     board.watch_instruction(taken);
     board.watch_instruction(answers);
     let mut state = scan_state(talk.ask(&mut board, Request::AutofocusStart(parameters))?)?;
@@ -123,25 +140,36 @@ fn scan(elf: &Path, link: Link) -> anyhow::Result<(String, Times)> {
     ensure!(report.outcome == Outcome::Focused, "the scan ended with {:?}", report.outcome);
     let expected: Vec<i32> = serde_json::from_str(SCAN)?;
     ensure!(visited == expected, "the board visited {visited:?}, the simulator {expected:?} nm");
-    // From one to the next: what is asked meanwhile, telemetry included, comes behind.
-    let decisions = finished.hits.windows(2).filter(|w| w[0].address == taken && w[1].address == answers);
-    let instructions: Vec<u64> = decisions.map(|w| w[1].instructions - w[0].instructions).collect();
-    ensure!(
-        instructions.len() + 1 >= visited.len(),
-        "{} decisions were seen for {} samples",
-        instructions.len(),
-        visited.len()
-    );
-    let most = instructions.iter().copied().max().unwrap_or(0);
+    let (mut decided, mut planned) = (Vec::new(), Vec::new());
+    for (i, begin) in finished.hits.iter().enumerate().filter(|(_, hit)| hit.address == taken) {
+        let next: Vec<_> = finished.hits[i + 1..].iter().take_while(|hit| hit.address != taken).collect();
+        let instructions =
+            |at: u64| next.iter().find(|hit| hit.address == at).map(|hit| hit.instructions - begin.instructions);
+        let answered = instructions(answers).context("a sample without an answer")?;
+        planned.push(answered);
+        // Without a move the answer says it all.
+        decided.push(instructions(moves).filter(|n| *n < answered).unwrap_or(answered));
+    }
+    ensure!(planned.len() >= visited.len(), "{} decisions were seen for {} samples", planned.len(), visited.len());
+    // The last one judges the whole curve, once a scan.
+    let judgement = decided.pop().unwrap_or(0);
+    let us = |counts: &[u64]| {
+        let most = counts.iter().copied().max().unwrap_or(0);
+        most as f64 * CYCLES_PER_INSTRUCTION / (crate::chip::CORE_HZ as f64 / 1e6)
+    };
     let times = Times {
-        decision_us: most as f64 * CYCLES_PER_INSTRUCTION / (crate::chip::CORE_HZ as f64 / 1e6),
+        decision_us: us(&decided),
+        judgement_us: us(&[judgement]),
+        planned_us: us(&planned),
         answer_ms: slowest.as_secs_f64() * 1e3,
     };
     let said = format!(
-        "{} samples, focus at {} µm; at most {:.0} µs for a decision, {:.2} ms for an answer",
+        "{} samples, focus at {} µm; at most {:.0} µs for a decision ({:.0} µs for the last), {:.0} µs with the move planned, {:.2} ms for an answer",
         visited.len(),
         report.end.micrometres().0,
         times.decision_us,
+        times.judgement_us,
+        times.planned_us,
         times.answer_ms
     );
     Ok((said, times))

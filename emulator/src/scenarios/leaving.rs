@@ -2,6 +2,7 @@
 
 use super::{axis_settings, connect, rest};
 use crate::figures::Figures;
+use crate::machine::BOOTLOADER;
 use crate::talk::Link;
 use anyhow::ensure;
 use parfocal_protocol::message::{Refusal, Request, Response, Stop};
@@ -9,12 +10,6 @@ use parfocal_protocol::settings::AxisSettings;
 use parfocal_protocol::units::Nanometres;
 use std::path::Path;
 use std::time::Duration;
-
-/// Start of system memory, where ST's bootloader lies (RM0090 section 2.4).
-const SYSTEM_MEMORY: u64 = 0x1fff_0000;
-
-/// Where the stand-in for it begins.
-const ENTRY: u64 = SYSTEM_MEMORY + 0x100;
 
 /// A request for the bootloader: refused in motion; at rest the outputs go inactive, the board answers, resets, and jumps to
 /// where the bootloader's vector table says, with nothing of ours running.
@@ -24,10 +19,6 @@ const ENTRY: u64 = SYSTEM_MEMORY + 0x100;
 pub fn bootloader(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     let (mut board, mut talk) = connect(elf, Link::Usb)?;
     axis_settings(&mut board, &mut talk, 0, AxisSettings::default())?;
-    // The emulation has no bootloader of ST's: a stack, an entry, and a branch to itself take its place.
-    board.program(SYSTEM_MEMORY, 0x2000_2000);
-    board.program(SYSTEM_MEMORY + 4, ENTRY as u32 | 1);
-    board.program(ENTRY, 0xe7fe_e7fe);
     let to = [Some(Nanometres(100_000)), None, None, None];
     talk.ask(&mut board, Request::Move { to, speed: None })?;
     let moving = talk.try_ask(&mut board, Request::EnterDfu)?;
@@ -38,7 +29,7 @@ pub fn bootloader(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
         board.world.axes.iter().map(|a| a.lock().expect("turns").step.len()).sum()
     };
     let before = edges(&board);
-    board.watch_instruction(ENTRY);
+    board.watch_instruction(BOOTLOADER);
     let answer = talk.ask(&mut board, Request::EnterDfu)?;
     ensure!(answer == Response::Done, "it was answered by {answer:?}");
     let updates = |board: &crate::Machine| -> usize {
@@ -49,7 +40,9 @@ pub fn bootloader(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     ensure!(updates(&board) == stood, "the step timers still run after the answer");
     board.run_for(Duration::from_millis(120))?;
     ensure!(edges(&board) == before, "{} edges came out on the way", edges(&board) - before);
-    let report = board.stop()?;
+    let mut report = board.stop()?;
+    // What lies at address 0 is not modelled; the jump goes to system memory's own address.
+    report.unimplemented.retain(|register| register != "SYSCFG.MEMRM");
     ensure!(report.resets == 1, "it was reset {} times", report.resets);
     ensure!(!report.hits.is_empty(), "the bootloader's entry was never reached");
     report.clean()?;

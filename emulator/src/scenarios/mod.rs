@@ -1,5 +1,7 @@
 //! What is tried on the emulated board, and what must come of it.
 
+mod beside;
+mod exactness;
 mod faults;
 mod focus;
 mod hello;
@@ -43,6 +45,11 @@ pub const ALL: &[Scenario] = &[
         play: motion::edges,
     },
     Scenario {
+        name: "exactness",
+        shows: "several axes, both edges, vibrations: within a tick of the exact formula",
+        play: exactness::play,
+    },
+    Scenario {
         name: "scan",
         shows: "a scan over USB visits the same places as in the simulator",
         play: focus::over_usb,
@@ -69,7 +76,8 @@ pub const ALL: &[Scenario] = &[
     },
     Scenario { name: "watchdog", shows: "a core that hangs is restarted; settings survive", play: faults::watchdog },
     Scenario { name: "emergency", shows: "the emergency stop is immediate and exact", play: faults::emergency },
-    Scenario { name: "rates", shows: "top step rates and what a step costs", play: rates::play },
+    Scenario { name: "cost", shows: "what a step costs, and the top rate of one axis", play: rates::cost },
+    Scenario { name: "rates", shows: "top step rates, both edges and several axes", play: rates::play },
 ];
 
 /// Switches a board on and connects to it.

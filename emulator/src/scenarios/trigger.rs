@@ -66,7 +66,7 @@ pub fn pulses(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
         (1, 60, every(1, 5, 3, 18), 18),
         (1, -10, listed(1, [50, 44, 20, -3, 0, 0, 0, 0], 4), 4),
         // 400,000 steps a second at the top.
-        (2, 300, every(2, 10, 5, 58), 58),
+        (2, 130, every(2, 10, 5, 24), 24),
     ] {
         let run = run(&mut board, &mut talk, axis, to, plan, &settings[axis])?;
         ensure!(run.given == wanted, "axis {axis} to {to} µm: {} pulses came instead of {wanted}", run.given);
@@ -84,8 +84,8 @@ pub fn pulses(elf: &Path, figures: &mut Figures) -> anyhow::Result<String> {
     // Both edges are steps: the pulse comes with the pair's first.
     let both = AxisSettings { edges: Edges::Both, ..settings[2] };
     axis_settings(&mut board, &mut talk, 2, both)?;
-    let pairs = run(&mut board, &mut talk, 2, 200, every(2, 290, -5, 16), &both)?;
-    ensure!(pairs.given == 16, "{} pulses came with both edges", pairs.given);
+    let pairs = run(&mut board, &mut talk, 2, 60, every(2, 120, -5, 11), &both)?;
+    ensure!(pairs.given == 11, "{} pulses came with both edges", pairs.given);
     board.stop()?.clean()?;
     figures.trigger_jitter_ticks = Some(jitter);
     Ok(format!(
@@ -130,7 +130,7 @@ fn run(
     let mut to = [None; 4];
     to[axis] = Some(Nanometres(to_um * 1000));
     talk.ask(board, Request::Move { to, speed: Some(MicrometresPerSecond(settings.speed.0)) })?;
-    rest(board, talk, Duration::from_millis(5))?;
+    rest(board, talk, Duration::from_millis(20))?;
     let told: Vec<(u16, u64, i32)> = talk
         .events
         .drain(..)

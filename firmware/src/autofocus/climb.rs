@@ -12,6 +12,7 @@ use core::f64::consts::SQRT_2;
 
 use super::curve::{Curve, Place, STRIDE, Side, magnitude};
 use super::noise::root;
+use super::peak;
 use super::refine::{self, Refine};
 use super::search::{Lengths, Next, Search};
 
@@ -45,6 +46,12 @@ const STEEP: f64 = 0.02;
 /// if it is this share of the value.
 const STEEP_AT_ALL: f64 = 0.005;
 
+/// A second difference over steps of this share of the curve's height is sharp,
+const SHARP: f64 = 1e-3;
+
+/// if it is this share of the value.
+const SHARP_AT_ALL: f64 = 2e-4;
+
 /// Half a broad top, in places.
 const BROAD: i32 = 4 * STRIDE;
 
@@ -53,13 +60,14 @@ const BROAD: i32 = 4 * STRIDE;
 pub struct Climb {
     lengths: Lengths,
     heading: Option<Side>,
+    turned: bool,
     refine: Option<Refine>,
 }
 
 impl Climb {
     /// A climb with these lengths.
     pub fn new(lengths: Lengths) -> Self {
-        Self { lengths, heading: None, refine: None }
+        Self { lengths, heading: None, turned: false, refine: None }
     }
 
     /// The next place on the way out; `None` when both sides are seen.
@@ -84,24 +92,65 @@ impl Climb {
                 }
                 let (ahead, behind) = (f64::from(curve.ahead(heading)), f64::from(curve.ahead(heading.other())));
                 let doubt = TURN + ODDS * (ahead - behind) / (ahead + behind);
-                let begun = curve.seen(heading).0 * heading.sign() >= 2 * STRIDE;
+                let begun = curve.seen(heading).0 * heading.sign() >= if quiet { STRIDE } else { 2 * STRIDE };
+                if quiet && !self.turned && self.top_between(curve, heading) {
+                    self.turned = true;
+                    self.heading = Some(heading.other());
+                    return Some(self.step(curve, heading.other(), quiet));
+                }
+                if self.turned {
+                    return Some(self.step(curve, heading, quiet));
+                }
                 // A fall behind means that a top is being crossed: its far side comes first.
                 if begun && rise < -doubt && !fell(curve, heading.other()) { heading.other() } else { heading }
             }
         };
         self.heading = Some(heading);
+        Some(self.step(curve, heading, quiet))
+    }
+
+    /// The next place in a direction.
+    fn step(&self, curve: &Curve, heading: Side, quiet: bool) -> Place {
         let seen = curve.seen(heading).0;
-        let half = !self.lengths.sweeping && quiet && steep(curve, heading);
+        let half = !self.lengths.sweeping && quiet && (steep(curve, heading) || sharp(curve, heading));
         // Off the grid a half step leads back to it.
         let step = if half || seen % STRIDE != 0 { 1 } else { STRIDE };
-        Some(Place(seen + heading.sign() * step))
+        Place(seen + heading.sign() * step)
+    }
+
+    /// Whether a trap radius was looked at in one direction, with a top in the farther half of it. The peak may still be
+    /// behind the start, and then all that remains is seen from there; finishing this side first would cost the way back from
+    /// far past that top. The bound is the same as when the top is the peak: 4½ trap radii.
+    fn top_between(&self, curve: &Curve, heading: Side) -> bool {
+        let trap = self.lengths.trap;
+        let top = curve.best().map_or(0, |(best, _)| best.0 * heading.sign());
+        let seen = curve.seen(heading).0 * heading.sign();
+        seen >= trap && (trap / 2 + STRIDE..=trap).contains(&top) && top + STRIDE <= seen
+    }
+
+    /// Of the tops that may be the best, the farthest from one side. All local maxima lie within the trap radius of the peak: so
+    /// does the peak of this one.
+    fn first(&self, curve: &Curve, best: Place, side: Side) -> Place {
+        let (far, near) = (best.0 - side.sign() * self.lengths.trap, best.0 + side.sign() * STRIDE);
+        let (from, to) = (Place(far.min(near)), Place(far.max(near)));
+        let tops = peak::rivals(curve, from, to).map(|(place, _)| place);
+        tops.min_by_key(|place| place.0 * side.sign()).unwrap_or(best)
     }
 
     /// Whether a side needs no more looking at.
     fn done(&self, curve: &Curve, side: Side) -> bool {
         let Some((best, _)) = curve.best() else { return false };
-        let past = (curve.seen(side).0 - best.0) * side.sign();
-        curve.ahead(side) < STRIDE || (past >= self.lengths.trap && fell(curve, side))
+        let past = |p: Place| (curve.seen(side).0 - p.0) * side.sign();
+        let quiet = curve.noise().is_silent();
+        if quiet && rises(curve, side) {
+            // A top right at the end must be crossed.
+            return curve.ahead(side) < STRIDE;
+        }
+        let far = past(best) >= self.lengths.trap
+            || (past(best) > STRIDE
+                && curve.noise().is_silent()
+                && past(self.first(curve, best, side)) >= self.lengths.trap);
+        curve.ahead(side) < STRIDE || (far && fell(curve, side))
     }
 }
 
@@ -112,6 +161,25 @@ fn steep(curve: &Curve, heading: Side) -> bool {
     let least = STEEP * (best - curve.floor());
     let behind = (1..=2 * STRIDE).filter_map(|d| curve.at(Place(here - d * heading.sign())));
     behind.map(|c| cell.mean - c.mean).any(|rise| rise > least && rise > STEEP_AT_ALL * magnitude(best))
+}
+
+/// Whether the curve rises at the end of a side so that a top there may become the best.
+fn rises(curve: &Curve, side: Side) -> bool {
+    let end = curve.seen(side).0;
+    let behind = |d: i32| curve.at(Place(end - d * side.sign())).map(|c| c.mean);
+    let (Some(last), Some(before)) = (behind(0), behind(1).or(behind(STRIDE))) else { return false };
+    let (Some(earlier), Some((_, best))) = (behind(2 * STRIDE), curve.best()) else { return false };
+    last > before && best - last < last - earlier
+}
+
+/// Whether the curve bends sharply over the last two steps: what a narrow top may hide between samples is worth half steps.
+fn sharp(curve: &Curve, heading: Side) -> bool {
+    let here = curve.here().0;
+    let Some((_, best)) = curve.best() else { return false };
+    let behind = |d: i32| curve.at(Place(here - d * STRIDE * heading.sign())).map(|c| c.mean);
+    let (Some(a), Some(b), Some(c)) = (behind(0), behind(1), behind(2)) else { return false };
+    let bend = magnitude(a - 2.0 * b + c);
+    bend > SHARP * (best - curve.floor()) && bend > SHARP_AT_ALL * magnitude(best)
 }
 
 /// Whether the values fall from the best place to the end seen on one side, beyond doubt.

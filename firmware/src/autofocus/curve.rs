@@ -214,9 +214,9 @@ impl Curve {
 
     /// The place nearest to a position, within the range.
     pub fn place(&self, z: Nanometres) -> Place {
-        let off = z.0 - self.origin;
+        let off = z.0.saturating_sub(self.origin);
         let half = if off < 0 { -self.unit / 2 } else { self.unit / 2 };
-        Place(((off + half) / self.unit).clamp(self.first, self.last))
+        Place((off.saturating_add(half) / self.unit).clamp(self.first, self.last))
     }
 
     /// A length in whole places, rounded up to full sample steps.
@@ -235,7 +235,7 @@ impl Curve {
     pub fn add(&mut self, z: Nanometres, value: FocusValue) {
         let value = value.0;
         let place = self.place(z).0;
-        let off = (z.0 - self.position(Place(place)).0) as f32 / self.unit as f32;
+        let off = z.0.saturating_sub(self.position(Place(place)).0) as f32 / self.unit as f32;
         if self.frames == 0 {
             self.reference = value;
         }
@@ -244,7 +244,7 @@ impl Curve {
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());
-        self.trend.add(f64::from(z.0 - self.origin) / f64::from(self.unit), value - self.reference);
+        self.trend.add(f64::from(z.0.saturating_sub(self.origin)) / f64::from(self.unit), value - self.reference);
         let moved = place != self.here;
         self.here = place;
 
@@ -274,12 +274,21 @@ impl Curve {
 
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.
     pub fn at(&self, place: Place) -> Option<Cell> {
-        let slot = &self.slots[index(place.0)];
-        (slot.frames > 0 && i32::from(slot.place) == place.0).then(|| Cell {
+        self.slot(place).map(|slot| Cell {
             x: f64::from(place.0) + f64::from(slot.off),
             frames: slot.frames,
             mean: slot.mean,
         })
+    }
+
+    fn slot(&self, place: Place) -> Option<&Slot> {
+        let slot = &self.slots[index(place.0)];
+        (slot.frames > 0 && i32::from(slot.place) == place.0).then_some(slot)
+    }
+
+    /// The mean value at a place, as of [`Curve::at`]; to compare values, which needs no position.
+    pub fn mean(&self, place: Place) -> Option<f64> {
+        self.slot(place).map(|slot| slot.mean)
     }
 
     /// The known places from `from` to `to`.
@@ -290,17 +299,17 @@ impl Curve {
     /// Mean level of the known places from `from` to `to`.
     pub fn level(&self, from: Place, to: Place) -> Level {
         let (mut sum, mut frames) = (0.0, 0);
-        for (_, cell) in self.between(from, to) {
-            sum += cell.mean * f64::from(cell.frames);
-            frames += u32::from(cell.frames);
+        for slot in (from.0..=to.0).filter_map(|p| self.slot(Place(p))) {
+            sum += slot.mean * f64::from(slot.frames);
+            frames += u32::from(slot.frames);
         }
         Level { mean: if frames > 0 { sum / f64::from(frames) } else { 0.0 }, frames }
     }
 
     /// The mean of a place and its neighbours a step away, weighted 1 : 2 : 1.
     pub fn smooth(&self, place: Place) -> Option<f64> {
-        let middle = self.at(place)?.mean;
-        let side = |p: i32| self.at(Place(p)).map_or(middle, |c| c.mean);
+        let middle = self.mean(place)?;
+        let side = |p: i32| self.mean(Place(p)).unwrap_or(middle);
         Some(0.25 * (side(place.0 - STRIDE) + 2.0 * middle + side(place.0 + STRIDE)))
     }
 
@@ -323,7 +332,8 @@ impl Curve {
         Some((Place(self.first + i * width + width / 2), bin.mean))
     }
 
-    fn bin_width(&self) -> i32 {
+    /// Places that a bin spans.
+    pub fn bin_width(&self) -> i32 {
         (self.last - self.first) / Self::BINS as i32 + 1
     }
 
@@ -350,7 +360,7 @@ impl Curve {
 
         let reach = if quiet { 0 } else { STRIDE };
         for p in (place - reach..=place + reach).map(Place) {
-            let smooth = if quiet { self.at(p).map(|c| c.mean) } else { self.smooth(p) };
+            let smooth = if quiet { self.mean(p) } else { self.smooth(p) };
             if let Some(v) = smooth
                 && self.best.is_none_or(|(q, b)| q == p || v > b)
             {

@@ -35,8 +35,9 @@ pub fn judge(curve: &Curve, trap: i32, subject: Subject, sweeping: bool) -> Resu
     if best <= curve.floor() && curve.noise().is_none() {
         return Err(ScanRefusal::NoContrast);
     }
-    let highest = curve.between(from, to).map(|(_, c)| c).reduce(|a, b| if b.mean > a.mean { b } else { a });
-    let highest = highest.ok_or(ScanRefusal::SamplesStopped)?;
+    let values = (from.0..=to.0).filter_map(|p| Some((p, curve.mean(Place(p))?)));
+    let highest = values.reduce(|a, b| if b.1.total_cmp(&a.1).is_gt() { b } else { a });
+    let highest = highest.and_then(|(p, _)| curve.at(Place(p))).ok_or(ScanRefusal::SamplesStopped)?;
     let found = peak::find(curve, from, to);
     let peak = found.unwrap_or(Peak { at: highest.x, value: highest.mean, error: 0.0, window: 1 });
     let height = peak.value - curve.floor();
@@ -101,7 +102,11 @@ fn two_peaks(curve: &Curve, trap: i32, height: f64) -> Result<(), ScanRefusal> {
             if v < lowest {
                 lowest = v;
             }
-            if (p.0 - place).abs() as f32 > FAR * trap as f32 && share(lowest) < APART && share(v) > ALIKE {
+            // Between the middles of two bins lies up to a bin more than between what was seen of them.
+            if ((p.0 - place).abs() - curve.bin_width()) as f32 > FAR * trap as f32
+                && share(lowest) < APART
+                && share(v) > ALIKE
+            {
                 return Err(ScanRefusal::TwoPeaks);
             }
         }
@@ -164,14 +169,14 @@ impl Valley {
 /// The deepest minimum between the highest cell and another lobe within the trap radius.
 fn valley(curve: &Curve, trap: i32, highest: Cell) -> Option<Valley> {
     let top = highest.x as i32;
-    let value = |p: Place, c: &Cell| if curve.noise().is_silent() { c.mean } else { curve.smooth(p).unwrap_or(c.mean) };
+    let silent = curve.noise().is_silent();
+    let value = |p: Place| if silent { curve.mean(p) } else { curve.smooth(p) };
     let mut deepest: Option<Valley> = None;
     for side in [Side::Low, Side::High] {
         let (mut bottom, mut depth, mut found) = (f64::MAX, 0.0, None);
         let (mut at, mut lobe) = (Place(top), 0.0);
         for p in (1..=trap).map(|d| Place(top + d * side.sign())) {
-            let Some(cell) = curve.at(p) else { continue };
-            let v = value(p, &cell);
+            let Some(v) = value(p) else { continue };
             if v < bottom {
                 (bottom, at) = (v, p);
             } else if v - bottom > depth {

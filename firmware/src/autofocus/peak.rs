@@ -28,6 +28,9 @@ const MISFIT: f64 = 2.5;
 /// samples: a Gaussian whose standard deviation is one sample step hides 0.086.
 const HIDDEN: f64 = 0.1;
 
+/// The same above the polynomial through five samples half a step apart.
+const HIDDEN_FROM_FIVE: f64 = 0.025;
+
 /// How far a sweep's samples may lie apart, in places.
 const APART: i32 = 64;
 
@@ -68,29 +71,50 @@ fn is_local_maximum(curve: &Curve, place: Place) -> bool {
 
 /// The parabola's top at a place whose neighbours are not higher.
 pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
-    let middle = curve.at(place)?;
-    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
-    if low.mean > middle.mean || high.mean > middle.mean {
+    // Most places are no top: that is found out by their values alone, compared without software floats.
+    let value = curve.mean(place)?;
+    if [-1, 1].iter().any(|sign| value_beside(curve, place, *sign).is_none_or(|v| v.total_cmp(&value).is_gt())) {
         return None;
     }
+    let middle = curve.at(place)?;
+    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
     let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
-    let peak = parabola(middle, low, high);
-    if high.x - low.x > 4.0 * f64::from(STRIDE)
-        && let Some(peak) =
-            beyond(curve, place, low, high).and_then(|outer| quartic([outer.0, low, middle, high, outer.1]))
-    {
-        return Some(peak);
-    }
     let width = high.x - low.x;
+    let halves = width <= f64::from(STRIDE);
+    let (mut peak, mut hidden) = (parabola(middle, low, high), HIDDEN);
+    if halves || width > 4.0 * f64::from(STRIDE) {
+        let outer = beyond(curve, place, low, high);
+        let outer = outer.filter(|(l, h)| !halves || h.x - l.x <= 2.0 * f64::from(STRIDE));
+        if let Some(better) = outer.and_then(|(l, h)| quartic([l, low, middle, high, h])) {
+            if !halves {
+                return Some(better);
+            }
+            (peak, hidden) = (better, HIDDEN_FROM_FIVE);
+        }
+    }
     let halfway = 4.0 * (peak.at - middle.x) / width;
     // Half the distance hides a quarter of a drop that is a quarter, too.
     let apart = width / (2.0 * f64::from(STRIDE));
-    Some(Peak { error: HIDDEN * drop * halfway * halfway * apart * apart, ..peak })
+    Some(Peak { error: hidden * drop * halfway * halfway * apart * apart, ..peak })
+}
+
+/// The tops between two places that may be the highest, each with its place, by what is known of them.
+pub fn rivals(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
+    let tops = move || (from.0..=to.0).filter_map(move |p| top(curve, Place(p)).map(|top| (Place(p), top)));
+    let highest = tops().map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
+    let least = highest.map_or(0.0, |h| h.value - h.error);
+    let noise = 3.0 * curve.noise().relative() * magnitude(least);
+    tops().filter(move |(_, t)| t.value + t.error + noise >= least)
 }
 
 /// The nearest known cell on one side.
 fn beside(curve: &Curve, place: Place, sign: i32) -> Option<Cell> {
     (1..=APART).find_map(|d| curve.at(Place(place.0 + d * sign)))
+}
+
+/// The value of [`beside`].
+fn value_beside(curve: &Curve, place: Place, sign: i32) -> Option<f64> {
+    (1..=APART).find_map(|d| curve.mean(Place(place.0 + d * sign)))
 }
 
 /// The extremum of the parabola through three cells; the middle one where it has none between the others.
@@ -111,9 +135,13 @@ pub fn parabola(middle: Cell, low: Cell, high: Cell) -> Peak {
 
 /// The cells next to two cells beside a place, outwards.
 fn beyond(curve: &Curve, place: Place, low: Cell, high: Cell) -> Option<(Cell, Cell)> {
-    let off = |c: Cell| (c.x - f64::from(place.0)) as i32;
-    let next = |from: i32, sign: i32| (1..=APART).find_map(|d| curve.at(Place(place.0 + from + d * sign)));
-    Some((next(off(low) - 1, -1)?, next(off(high) + 1, 1)?))
+    let next = |near: Cell, sign: i32| {
+        let off = near.x - f64::from(place.0);
+        let from = (if off < 0.0 { off - 0.5 } else { off + 0.5 }) as i32;
+        let cells = (1..=APART).filter_map(|d| curve.at(Place(place.0 + from + d * sign)));
+        { cells }.find(|c| (c.x - near.x) * f64::from(sign) > 0.0)
+    };
+    Some((next(low, -1)?, next(high, 1)?))
 }
 
 /// The top of the polynomial through five cells that lie far apart, as in a sweep: a parabola through three would be

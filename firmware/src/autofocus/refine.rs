@@ -51,9 +51,8 @@ impl Refine {
     /// Where frames are missing because they were forgotten on a long way: there the curve is taken again.
     fn forgotten(curve: &Curve, trap: i32) -> Option<Place> {
         let (best, _) = curve.best()?;
-        let reach = if curve.noise().is_silent() { 2 * STRIDE } else { trap };
-        let from = (best.0 - reach).max(curve.seen(Side::Low).0);
-        let to = (best.0 + reach).min(curve.seen(Side::High).0);
+        let from = (best.0 - trap).max(curve.seen(Side::Low).0);
+        let to = (best.0 + trap).min(curve.seen(Side::High).0);
         let here = curve.here().0;
         let places = (from..=to).filter(|p| p % STRIDE == 0 && curve.at(Place(*p)).is_none());
         places.min_by_key(|p| (p - here).abs()).map(Place)
@@ -62,21 +61,14 @@ impl Refine {
     fn split(&self, curve: &Curve) -> Next {
         let Some((from, to)) = Self::window(curve, self.trap) else { return Next::Enough };
         let here = curve.here().0;
-        let sigma = curve.noise().relative();
-        let tops = || (from.0..=to.0).filter_map(|p| peak::top(curve, Place(p)).map(|top| (p, top)));
-        let Some(best) = tops().map(|(_, t)| t.value).reduce(|a, b| if b > a { b } else { a }) else {
-            return Next::Enough;
-        };
         let (mut rivals, mut next) = (0, None::<i32>);
-        for (p, top) in tops() {
-            if top.value + top.error + 3.0 * sigma * magnitude(best) < best {
-                continue;
-            }
+        for (p, top) in peak::rivals(curve, from, to) {
             rivals += 1;
-            // The half step on the side where the parabola's top lies.
-            let q = if top.at < f64::from(p) { p - 1 } else { p + 1 };
-            let nearer = next.is_none_or(|n| (q - here).abs() < (n - here).abs());
-            if q > from.0 && q < to.0 && nearer && curve.at(Place(q)).is_none() {
+            // First the half step on the side where the top lies.
+            let side = if top.at < f64::from(p.0) { -1 } else { 1 };
+            let missing = |q: &i32| *q > from.0 && *q < to.0 && curve.at(Place(*q)).is_none();
+            let Some(q) = [p.0 + side, p.0 - side].into_iter().find(missing) else { continue };
+            if next.is_none_or(|n| (q - here).abs() < (n - here).abs()) {
                 next = Some(q);
             }
         }

@@ -83,6 +83,8 @@ pub struct Scan {
     mode: Mode,
     subject: Subject,
     verify: bool,
+    /// Whether the last look fell short of the best sample, and the way went there.
+    again: bool,
     trap: i32,
     start: Nanometres,
     here: Nanometres,
@@ -110,6 +112,7 @@ impl Scan {
             mode: parameters.mode,
             subject: parameters.subject,
             verify: parameters.verify,
+            again: false,
             trap: lengths.trap,
             start: z0,
             here: z0,
@@ -211,7 +214,7 @@ impl Scan {
     }
 
     fn reach(&mut self, z: Nanometres) {
-        self.travel = self.travel.saturating_add((z.0 - self.here.0).saturating_abs());
+        self.travel = self.travel.saturating_add(z.0.saturating_sub(self.here.0).saturating_abs());
         self.here = z;
     }
 
@@ -278,14 +281,19 @@ impl Scan {
         if mean < lowest {
             return self.abort(ScanRefusal::NotReproduced);
         }
-        // The fit may miss a pointed top: then the best sample is better than the fit.
+        // The fit may miss a pointed top: then the best sample is better than the fit, and is looked at in turn.
         if let Some((place, value)) = self.curve.best()
+            && !self.again
             && mean < value - DOUBT * error
         {
-            self.verify = false;
+            self.again = true;
             self.found = Some(Peak { at: f64::from(place.0), value, ..peak });
             self.stage = Stage::Leaving(Outcome::Focused);
             return self.ask(Ask::Go { z: self.curve.position(place) });
+        }
+        // The start was one frame.
+        if mean < self.curve.reference() - DOUBT * error * root(f64::from(frames + 1)) {
+            return self.abort(ScanRefusal::NotReproduced);
         }
         self.end(Outcome::Focused)
     }

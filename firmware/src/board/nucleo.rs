@@ -8,6 +8,7 @@ use embassy_executor::Spawner;
 use embassy_stm32::rng::Rng;
 use parfocal_firmware::controller::Controller;
 use parfocal_firmware::ports::Kept;
+use static_cell::StaticCell;
 
 /// Starts the board and runs it for ever.
 pub async fn run(spawner: Spawner) -> ! {
@@ -44,7 +45,9 @@ pub async fn run(spawner: Spawner) -> ! {
         enables: [enable(p.PF12), enable(p.PF13), enable(p.PF14), enable(p.PF15)],
         can_save: identity.can_save,
     };
-    let controller = Controller::new(identity, &kept, hardware);
+    // In one place for good: a task would keep a copy for every hand it passes through.
+    static CONTROLLER: StaticCell<Controller<Nucleo>> = StaticCell::new();
+    let controller = CONTROLLER.init_with(|| Controller::new(identity, &kept, hardware));
 
     let port = serial::Port { usart: p.USART3, tx: p.PD8, rx: p.PD9, tx_dma: p.DMA1_CH3, rx_dma: p.DMA1_CH1 };
     spawner.spawn(serial::run(port).expect("spawned once"));

@@ -208,6 +208,10 @@ impl StepTimers for StepHardware {
         CHANNELS[axis].timer.egr().write(|w| w.set_ug(true));
     }
 
+    fn count(&mut self, axis: usize) -> Option<u32> {
+        Some(u32::from(CHANNELS[axis].timer.cnt().read().cnt()))
+    }
+
     fn clock(&mut self) -> u32 {
         cortex_m::peripheral::DWT::cycle_count()
     }

@@ -48,10 +48,10 @@ impl Edges {
         !self.exhausted() && self.phases.iter().nth(self.done).is_none_or(|p| p.begin < tick)
     }
 
-    /// Whether the span goes on with the next edge: nothing was looked at ahead.
+    /// Whether the next edges are those of `span`: nothing was looked at ahead.
     #[inline(always)]
-    pub fn in_span(&self) -> bool {
-        self.span.left > 1 && self.ahead[0].is_none()
+    pub fn in_span(&mut self, table: &Quarter) -> bool {
+        self.ahead[0].is_none() && (self.span.left > 0 || self.next_span(table))
     }
 
     /// Adds a phase. False when there is no room.
@@ -156,10 +156,12 @@ impl Edges {
         self.ahead = [self.ahead[1], None];
     }
 
-    fn generate(&mut self, near: u64, table: &Quarter) -> Option<Edge> {
+    /// Goes on to the next span; false when there is none.
+    fn next_span(&mut self, table: &Quarter) -> bool {
         while self.span.left == 0 {
             let (a, b) = self.phases.as_slices();
-            let phase = a.get(self.done).or_else(|| b.get(self.done.wrapping_sub(a.len())))?;
+            let phase = a.get(self.done).or_else(|| b.get(self.done.wrapping_sub(a.len())));
+            let Some(phase) = phase else { return false };
             let mut place = self.place.unwrap_or_else(|| phase.place());
             if place.index >= phase.steps {
                 self.place = None;
@@ -168,6 +170,13 @@ impl Edges {
             }
             self.span = phase.span(&mut place, table);
             self.place = Some(place);
+        }
+        true
+    }
+
+    fn generate(&mut self, near: u64, table: &Quarter) -> Option<Edge> {
+        if self.span.left == 0 && !self.next_span(table) {
+            return None;
         }
         let after = ((self.span.time >> 32) as u32).wrapping_sub(near as u32) as i32;
         let [d1, d2, d3] = self.span.by;

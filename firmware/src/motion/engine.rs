@@ -219,7 +219,7 @@ impl Engine {
             return;
         }
         let now = self.now + u64::from(clock.wrapping_sub(self.clock) / CLOCK_PER_TICK);
-        let off = (track.played(None).1 + u64::from(count)).wrapping_sub(now) as i64;
+        let off = (track.reached() + u64::from(count)).wrapping_sub(now) as i64;
         if axis == 0 && self.skew[0].is_none() && off.abs() < i64::from(SERVICE) {
             // Timers were started, or woken, a little after the clock was read: from now on both agree.
             self.now = self.now.saturating_add_signed(off);
@@ -328,7 +328,8 @@ impl Engine {
 
     /// Steps at the output, as the interrupt last saw it.
     pub fn steps(&self, axis: usize) -> i32 {
-        self.tracks.get(axis).map_or(0, |t| t.played(None).0)
+        // With the last edge out, nothing has to be counted back.
+        self.tracks.get(axis).map_or(0, |t| if t.out() { t.issued } else { t.played(None) })
     }
 
     /// Steps that will be out when the records laid are played.

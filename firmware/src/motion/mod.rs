@@ -14,7 +14,7 @@ mod homing;
 mod jog;
 pub mod lane;
 pub mod limits;
-pub mod marks;
+mod marks;
 pub mod math;
 mod moves;
 pub mod path;

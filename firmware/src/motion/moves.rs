@@ -27,6 +27,13 @@ struct Straight {
     limits: Limits,
 }
 
+impl Straight {
+    /// From rest to rest over all of it.
+    fn within(limits: Limits) -> Option<Self> {
+        Some(Self { path: Path::rest_to_rest(1.0, limits)?, limits })
+    }
+}
+
 impl Motion {
     /// Moves in a straight line to absolute positions, behind the moves that wait already.
     ///
@@ -34,6 +41,8 @@ impl Motion {
     /// [`Refusal::BeyondLimit`], [`Refusal::OutOfRange`] for a speed that is too slow or more than the axes allow along this
     /// line, [`Refusal::AtHardLimit`], [`Refusal::QueueFull`], [`Refusal::Emergency`], [`Refusal::Busy`] while something
     /// other than moves goes on.
+    // A function of its own in the program, too: the emulator counts what leads to it.
+    #[inline(never)]
     pub fn move_to(
         &mut self,
         now: BoardTime,
@@ -69,18 +78,23 @@ impl Motion {
                 return Err(Refusal::AtHardLimit { axis: Axis(index as u8), side });
             }
         }
-        self.line_limits(&from, &goal, speed)?;
+        let limits = self.line_limits(&from, &goal, speed)?;
         let id = self.next_id();
         let wish = Wish { id, to: *to, speed, ending };
         let _ = self.queue.push_back(wish);
         if !waits {
-            self.next_move(board);
+            self.begin_next(board, limits.map(|limits| (from, goal, limits)));
         }
         Ok(id)
     }
 
     /// Begins the first move that waits.
     pub(super) fn next_move(&mut self, board: &mut impl Board) {
+        self.begin_next(board, None);
+    }
+
+    /// The same, with the limits of a leg that are known already.
+    fn begin_next(&mut self, board: &mut impl Board, known: Option<([i32; AXES], Leg, Limits)>) {
         let Some(wish) = self.queue.pop_front() else { return };
         self.track_play(board);
         let mut take_up: Leg = [None; AXES];
@@ -113,18 +127,24 @@ impl Motion {
         let first = legs.pop().unwrap_or_default();
         let then = legs.iter().copied().collect();
         self.task = Task::Line { wish, now: first, then };
-        self.begin_leg(board);
+        self.start_leg(board, known);
     }
 
     /// Starts the axes of the leg that is due.
     pub(super) fn begin_leg(&mut self, board: &mut impl Board) {
+        self.start_leg(board, None);
+    }
+
+    fn start_leg(&mut self, board: &mut impl Board, known: Option<([i32; AXES], Leg, Limits)>) {
         self.quiet = None;
         let Task::Line { wish, now: leg, .. } = &self.task else { return };
         let (leg, speed) = (*leg, wish.speed);
         self.track_play(board);
         let from: [i32; AXES] = core::array::from_fn(|i| self.known(i).seen);
         // Refused when asked for; a plan that fails here begins nothing and so ends at once.
-        let straight = self.straight(&from, &leg, speed).or_else(|_| self.straight(&from, &leg, None));
+        let known = known.filter(|k| k.0 == from && k.1 == leg).and_then(|k| Straight::within(k.2));
+        let straight = known.map_or_else(|| self.straight(&from, &leg, speed), Ok);
+        let straight = straight.or_else(|_| self.straight(&from, &leg, None));
         let Ok(straight) = straight else { return };
         for (index, from) in from.into_iter().enumerate() {
             let Some(to) = leg[index].filter(|to| *to != from) else { continue };
@@ -186,8 +206,7 @@ impl Motion {
         let Some(limits) = self.line_limits(from, to, speed)? else {
             return Ok(Straight { path: Path::default(), limits: Limits { v: 1.0, a: 1.0, j: 1.0 } });
         };
-        let refusal = Refusal::OutOfRange { field: Field::Jerk, low: 0.0, high: 0.0 };
-        Ok(Straight { path: Path::rest_to_rest(1.0, limits).ok_or(refusal)?, limits })
+        Straight::within(limits).ok_or(Refusal::OutOfRange { field: Field::Jerk, low: 0.0, high: 0.0 })
     }
 
     /// The limits of a line between motor counts, in units of all of it; `None` when nothing is to be done. A line that these

@@ -1,6 +1,6 @@
 //! A stretch of one axis' motion over which its steps follow one cubic in time, or come evenly.
 
-use super::fixed::{fixed, mul_high, power, single, unfixed};
+use super::fixed::{divide, fixed, mul_high, power, single, unfixed};
 use super::swing::Quarter;
 
 /// A stretch in one direction. Distances are steps along that direction, times are ticks from `begin`.
@@ -116,9 +116,10 @@ impl Cubic {
             let ticks = off * scale * power(-32);
             let change = fixed(ticks);
             time = time.saturating_add_signed(if self.reversed { -change } else { change }).min(end);
-            // What Newton leaves of an error d is d² · s''/2s' at most about.
-            let left = ticks * ticks * (slope.a * slope.m) / scale;
-            if left > -0.02 && left < 0.02 && ticks > -4096.0 && ticks < 4096.0 {
+            // What Newton leaves of an error d is d² · (s″ + d · s‴) / 2s′ at most about.
+            let d = ticks * power(-(self.shift as i32));
+            let left = d * ticks * slope.m * (slope.a.abs() + (slope.j * d).abs());
+            if left.abs() < 0.02 && ticks.abs() < 4096.0 {
                 break;
             }
         }
@@ -130,7 +131,7 @@ impl Cubic {
 /// Largest exponent of a span's length.
 const LONGEST_SPAN: u32 = 8;
 
-/// Up to 2⁸ edges whose times are one cubic in their index, by forward differences. Times are ticks · 2³² from `begin`.
+/// Edges, most often up to 2⁸, whose times are one cubic in their index, by forward differences. Times are ticks · 2³² from `begin`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Span {
     /// Edges left.
@@ -250,8 +251,7 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
     // Speed changes by about α + β relative to itself in n steps; the fourth derivative of time by step, times n⁴ / 384, is the
     // largest error of a cubic through both ends with the slopes there (Hermite): 1/8 tick, 1/16 where a speed is falling.
     let (a1, b1) = ((here.a * here.m * here.m).abs(), (here.j * here.m * here.m * here.m).abs());
-    // The edge after the span must exist: it is solved for.
-    let mut q = LONGEST_SPAN.min(31 - (left - 1).leading_zeros());
+    let mut q = LONGEST_SPAN;
     while q > 0 {
         let n = (1u32 << q) as f32;
         let b = b1 * n * n;
@@ -262,7 +262,8 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
         }
         q -= 1;
     }
-    let n = 1u32 << q;
+    // The edge after the span must exist: it is solved for.
+    let n = (1u32 << q).min(left - 1);
     let start = stamp(place);
     let steps_on = n as f32;
     let s = sign * steps_on;
@@ -273,13 +274,13 @@ fn curved(cubic: &Cubic, steps: u32, left: u32, up: bool, place: &mut Place) -> 
     let guess = place.time.saturating_add(fixed(ahead) as u64);
     let (time, there) = cubic.solve(place.index.wrapping_add(n), steps, guess);
     let time = time.max(place.time);
-    let mean = (time - place.time) >> q;
-    let span = if q == 0 {
+    let mean = divide(time - place.time, n);
+    let span = if n == 1 {
         Span { left: 1, time: start, by: [mean as i64, 0, 0], up }
     } else {
         let mean_ticks = unfixed(mean);
         let (e0, e1) = (per_step - mean_ticks, there.m * scale - mean_ticks);
-        let part = power(-(q as i32));
+        let part = 1.0 / steps_on;
         let c = fixed(-(2.0 * e0 + e1) * part);
         let d = fixed((e0 + e1) * part * part);
         Span { left: n, time: start, by: [mean as i64 + fixed(e0) + c + d, 2 * c + 6 * d, 6 * d], up }

@@ -28,6 +28,12 @@ const SPARE: u32 = 48;
 const MASK: usize = RING - 1;
 const _: () = assert!(RING.is_power_of_two());
 
+/// Makes records one after another. Mark `make` as `inline(always)`: it is called at several places of one loop.
+pub trait Maker {
+    /// The next record.
+    fn make(&mut self) -> Record;
+}
+
 /// Records are counted from the stream's start; a count wraps at 2³², and its slot is the count modulo [`RING`].
 #[derive(Debug)]
 #[repr(C)]
@@ -93,33 +99,42 @@ impl Ring {
         self.head = self.head.wrapping_add(1);
     }
 
-    /// Lays that many records, made one after another. The caller keeps to [`Self::room`].
+    /// Lays that many records, made one after another; gives back their maker. The caller keeps to [`Self::room`].
     #[inline(always)]
-    pub fn lay(&mut self, records: u32, mut next: impl FnMut() -> Record) {
+    pub fn lay<M: Maker>(&mut self, records: u32, mut maker: M) -> M {
         let mut left = records;
         // What belongs into the guard's own slots is kept for later.
         while left > 0 && self.head.wrapping_sub(self.gate) < GUARD {
-            self.push(next());
+            self.push(maker.make());
             left -= 1;
         }
         while left > 0 {
             let first = self.head as usize & MASK;
             let last = (first + left as usize).min(RING);
-            for slot in self.slots.get_mut(first..last).unwrap_or_default() {
-                *slot = next();
+            // Four at a time, written out: the compiler, told to save room, would not.
+            let (fours, rest) = self.slots.get_mut(first..last).unwrap_or_default().as_chunks_mut();
+            for [a, b, c, d] in fours {
+                *a = maker.make();
+                *b = maker.make();
+                *c = maker.make();
+                *d = maker.make();
+            }
+            for slot in rest {
+                *slot = maker.make();
             }
             let laid = (last - first) as u32;
             self.head = self.head.wrapping_add(laid);
             left -= laid;
         }
+        maker
     }
 
     #[inline(always)]
     fn put(&mut self, count: u32, record: Record) {
         let after = count.wrapping_sub(self.gate);
         match self.kept.get_mut(after as usize) {
-            Some(kept) => *kept = record,
-            None => self.slots[count as usize & MASK] = record,
+            Some(kept) => kept.set(&record),
+            None => self.slots[count as usize & MASK].set(&record),
         }
     }
 
@@ -168,6 +183,7 @@ impl Ring {
         self.open();
     }
 
+    #[inline(always)]
     fn guard(&mut self, step_high: bool, dir: u32) {
         for (i, ticks) in [1, WAKE, WAKE].into_iter().enumerate() {
             self.put(self.head.wrapping_add(i as u32), Record::hold(ticks, step_high, dir));
@@ -176,10 +192,11 @@ impl Ring {
     }
 
     /// Puts what was kept into the guard's slots, the blocking one last.
+    #[inline(always)]
     fn open(&mut self) {
         for i in (0..GUARD).rev() {
             if let Some(kept) = self.kept.get(i as usize) {
-                self.slots[self.gate.wrapping_add(i) as usize & MASK] = *kept;
+                self.slots[self.gate.wrapping_add(i) as usize & MASK].set(kept);
                 compiler_fence(Ordering::SeqCst);
             }
         }

@@ -3,6 +3,7 @@
 
 use super::phase::Span;
 use super::record::{LONGEST, Record, SHORTEST};
+use super::ring::Maker;
 use super::track::Track;
 
 /// Most records of a run: counts are remembered in between (see [`super::marks`]).
@@ -46,6 +47,42 @@ impl Times for Curved {
     }
 }
 
+/// A step a record: it opens with the rising edge.
+struct Single<T> {
+    times: T,
+    /// When the next record begins.
+    open: u32,
+    high: u32,
+    dir: u32,
+}
+
+impl<T: Times> Maker for Single<T> {
+    #[inline(always)]
+    fn make(&mut self) -> Record {
+        let next = self.times.next();
+        let record = Record::pulse(next.wrapping_sub(self.open), self.high, self.dir);
+        self.open = next;
+        record
+    }
+}
+
+/// Two steps a record: it opens with the rising edge, and the falling one is within.
+struct Pair<T> {
+    times: T,
+    open: u32,
+    dir: u32,
+}
+
+impl<T: Times> Maker for Pair<T> {
+    #[inline(always)]
+    fn make(&mut self) -> Record {
+        let (fall, next) = (self.times.next(), self.times.next());
+        let record = Record::pulse(next.wrapping_sub(self.open), fall.wrapping_sub(self.open), self.dir);
+        self.open = next;
+        record
+    }
+}
+
 impl Track {
     /// Lays short pulses of the span that is being generated, as many as belong together; 0 when its next ones are not such.
     pub(super) fn run(&mut self, horizon: u64, room: u32) -> u32 {
@@ -86,24 +123,15 @@ impl Track {
 
     /// Lays that many records; gives back where the times stand then.
     #[inline(always)]
-    fn lay_run<T: Times>(&mut self, mut times: T, records: u32) -> T {
-        let (high, dir) = (self.pulse.high, self.dir);
-        let mut open = self.end as u32;
-        if self.pulse.both {
-            self.ring.lay(records, || {
-                let (fall, next) = (times.next(), times.next());
-                let record = Record::pulse(next.wrapping_sub(open), fall.wrapping_sub(open), dir);
-                open = next;
-                record
-            });
+    fn lay_run<T: Times>(&mut self, times: T, records: u32) -> T {
+        let (open, high, dir) = (self.end as u32, self.pulse.high, self.dir);
+        let (times, open) = if self.pulse.both {
+            let pair = self.ring.lay(records, Pair { times, open, dir });
+            (pair.times, pair.open)
         } else {
-            self.ring.lay(records, || {
-                let next = times.next();
-                let record = Record::pulse(next.wrapping_sub(open), high, dir);
-                open = next;
-                record
-            });
-        }
+            let single = self.ring.lay(records, Single { times, open, high, dir });
+            (single.times, single.open)
+        };
         self.end += u64::from(open.wrapping_sub(self.end as u32));
         times
     }

@@ -73,7 +73,11 @@ impl Stretch {
         if self.is_even() {
             return steps / (self.v * scale);
         }
-        let Bend { reversed, unit, c, .. } = self.bend(scale);
+        self.time_in(&self.bend(scale), scale, steps)
+    }
+
+    fn time_in(&self, bend: &Bend, scale: f64, steps: f64) -> f64 {
+        let Bend { reversed, unit, c, .. } = *bend;
         let t = self.ticks as f64;
         let whole = (self.end - self.p) * scale;
         let y = solve(c, if reversed { whole - steps } else { steps }, t / unit);
@@ -92,7 +96,8 @@ impl Stretch {
             let interval = 1.0 / (self.v * scale);
             (near * interval, Shape::Even { interval: fixed(interval) })
         } else {
-            let Bend { reversed, shift, c, .. } = self.bend(scale);
+            let bend = self.bend(scale);
+            let Bend { reversed, shift, c, .. } = bend;
             let from_end = self.end * scale + offset - (behind - 0.5);
             let cubic = Cubic {
                 ticks: self.ticks as u32,
@@ -102,7 +107,7 @@ impl Stretch {
                 c: c.map(|c| (c * FIXED) as i64),
                 f: c.map(|c| c as f32),
             };
-            (self.time_of(scale, near), Shape::Curved(cubic))
+            (self.time_in(&bend, scale, near), Shape::Curved(cubic))
         };
         Some(Phase { begin, ticks: self.ticks, steps, up, first: fixed(first.max(0.0)), shape })
     }
@@ -140,8 +145,17 @@ fn solve(c: [f64; 3], target: f64, end: f64) -> f64 {
             break;
         }
         let change = off / slope;
-        y = (y + change).clamp(0.0, end);
-        if change < end * 1e-11 && change > -end * 1e-11 {
+        // Not `clamp`: its panic would bring the formatting of floats into the firmware, 25 KiB.
+        let next = y + change;
+        y = if !(next > 0.0) {
+            0.0
+        } else if next < end {
+            next
+        } else {
+            end
+        };
+        // What Newton leaves of a change is its square times s''/2s', and that is 1/y at most.
+        if change * change < end * 1e-11 * y {
             break;
         }
     }

@@ -92,45 +92,61 @@ impl Track {
         (self.ring.playing().wrapping_sub(self.last_edge) as i32) > 0
     }
 
-    /// Steps behind the outputs, and the tick reached, as DMA was last seen; `count` is the timer's, 0 for the start of the
-    /// record that plays, in which every edge then counts as out.
-    pub fn played(&self, count: Option<u32>) -> (i32, u64) {
-        let (playing, head) = (self.ring.playing(), self.ring.head());
-        let blocked = self.ring.blocked();
-        let from = if blocked { playing } else { playing.wrapping_add(1) };
-        let waiting = head.wrapping_sub(from) as i32;
-        let near = if waiting > 0 { self.marks.from(from, self.here()) } else { self.here() };
-        let mut steps = near.steps;
-        let mut tick = self.end.wrapping_sub(u64::from((self.end as u32).wrapping_sub(near.tick)));
-        for i in 0..if waiting > 0 { near.record.wrapping_sub(from) } else { 0 } {
-            let at = from.wrapping_add(i);
-            let record = self.ring.get(at);
-            let was_high =
-                if i == 0 && blocked { self.high_at_gate(at) } else { self.ring.get(at.wrapping_sub(1)).ends_high() };
-            steps = steps.wrapping_sub(self.steps_of(&record, was_high));
-            tick -= u64::from(record.ticks());
+    /// The nearest place behind a record at which the count is known, and how many records lie between.
+    #[inline(always)]
+    fn known_from(&self, record: u32) -> (Mark, u32) {
+        let here = self.here();
+        if (here.record.wrapping_sub(record) as i32) <= 0 {
+            return (here, 0);
         }
-        if !blocked && waiting >= 0 {
-            let record = self.ring.get(playing);
-            tick -= u64::from(record.ticks());
-            if let Some(count) = count {
-                tick += u64::from(count);
-                if self.pulse.both && record.starts_high() && !record.ends_high() && count < record.ccr1 {
-                    steps = steps.wrapping_sub(self.sign(&record));
-                }
+        let mark = self.marks.from(record, here);
+        (mark, mark.record.wrapping_sub(record))
+    }
+
+    /// The first record of which nothing is played, and whether the one before plays.
+    fn unplayed(&self) -> (u32, bool) {
+        let (playing, blocked) = (self.ring.playing(), self.ring.blocked());
+        let next = if blocked { playing } else { playing.wrapping_add(1) };
+        (next, !blocked && (self.ring.head().wrapping_sub(next) as i32) >= 0)
+    }
+
+    /// Tick at which the record that plays began, as DMA was last seen; at the guard, where what was laid before it is played.
+    pub fn reached(&self) -> u64 {
+        let (next, plays) = self.unplayed();
+        let (mark, between) = self.known_from(next);
+        let mut tick = self.end.wrapping_sub(u64::from((self.end as u32).wrapping_sub(mark.tick)));
+        let from = if plays { next.wrapping_sub(1) } else { next };
+        for i in 0..between + u32::from(plays) {
+            tick -= u64::from(self.ring.get(from.wrapping_add(i)).ticks());
+        }
+        tick
+    }
+
+    /// Steps behind the outputs, as DMA was last seen; `count` is the timer's, without which every edge of the record that plays
+    /// counts as out.
+    pub fn played(&self, count: Option<u32>) -> i32 {
+        let (next, plays) = self.unplayed();
+        let (mark, between) = self.known_from(next);
+        let mut steps = mark.steps;
+        let mut was_high =
+            if self.ring.blocked() { self.high_at_gate(next) } else { self.ring.get(next.wrapping_sub(1)).ends_high() };
+        for i in 0..between {
+            let record = self.ring.get(next.wrapping_add(i));
+            steps = steps.wrapping_sub(self.steps_of(&record, was_high));
+            was_high = record.ends_high();
+        }
+        if let Some(count) = count.filter(|_| plays && self.pulse.both) {
+            let record = self.ring.get(next.wrapping_sub(1));
+            if record.starts_high() && !record.ends_high() && count < record.ccr1 {
+                steps = steps.wrapping_sub(self.sign(&record));
             }
         }
-        (steps, tick)
+        steps
     }
 
     /// Whether the record that plays is a long one.
     pub fn plays_long(&self) -> bool {
         !self.ring.blocked() && self.ring.get(self.ring.playing()).ticks() >= 1_000
-    }
-
-    /// Tick at which the guard begins: what was laid before it is played.
-    pub fn reached(&self) -> u64 {
-        self.played(None).1
     }
 
     /// The timer stands at the guard: puts silence before what waits, as long as this axis is ahead of `first`.
@@ -146,7 +162,7 @@ impl Track {
 
     /// The timer stands at the guard: what waits behind it is not played any more.
     pub fn abandon(&mut self) {
-        let (steps, tick) = self.played(None);
+        let (steps, tick) = (self.played(None), self.reached());
         let shown = self.ring.shown(self.ring.playing());
         self.edges.clear();
         self.ring.drop_waiting();
@@ -165,7 +181,8 @@ impl Track {
     /// Timer and stream stopped: counts what was played, and forgets the rest.
     pub fn halt(&mut self, left: u32, count: u32) {
         self.ring.seen(left);
-        let (steps, tick) = self.played(Some(count));
+        let (_, plays) = self.unplayed();
+        let (steps, tick) = (self.played(Some(count)), self.reached() + if plays { u64::from(count) } else { 0 });
         let record = self.ring.shown(self.ring.playing());
         // In both-edge stepping a change of level is a step: the level stays.
         self.high = self.pulse.both && count < record.ccr1;
@@ -235,9 +252,17 @@ impl Track {
     /// Lays records until they reach `horizon` or there is no room.
     pub fn fill(&mut self, horizon: u64, table: &Quarter) {
         let mut room = self.ring.room();
+        if self.exhausted() {
+            // At rest, as most axes are most of the time: silence, without looking for edges.
+            while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
+                self.ring.push(Record::hold(LONGEST, self.high, self.dir));
+                self.end += u64::from(LONGEST);
+                room -= 1;
+            }
+        }
         while (self.end < horizon || self.ring.ahead() < FEWEST) && room > 0 {
             let low = !(self.pulse.both && self.high);
-            if self.open && low && self.edges.in_span() && self.edges.span.up == self.dir_up {
+            if self.open && low && self.edges.in_span(table) && self.edges.span.up == self.dir_up {
                 let ran = self.run(horizon, room);
                 if ran > 0 {
                     room -= ran;

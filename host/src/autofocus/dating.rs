@@ -1,19 +1,8 @@
 //! When a frame was exposed: by the camera's own word, or by its pace and a calibrated latency.
 
 use crate::frames::camera::Stamp;
-use crate::frames::pacing::{Edge, FrameClock, Pacing};
+use crate::frames::pacing::{FrameClock, Latency, Pacing};
 use parfocal_protocol::units::HostTime;
-
-/// From the middle of a frame's exposure to its arrival at one edge of the camera's delivery; see [`Pacing`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Latency {
-    /// How late, µs.
-    pub late_us: f64,
-    /// Time between frames when it was measured, µs: a camera set to another rate has another latency.
-    pub period_us: f64,
-    /// Counted to the fastest arrivals, or to the last ones.
-    pub edge: Edge,
-}
 
 /// By how much a camera's period may differ from the one its latency was calibrated at.
 const OTHER_PACE: f64 = 0.02;
@@ -98,6 +87,14 @@ impl Dating {
         }
     }
 
+    /// For a camera that is known to tell nothing and was never calibrated: until when what arrives shows the world before
+    /// `since`.
+    pub fn stale_until(&self, since: HostTime) -> Option<HostTime> {
+        let guessed = self.latency.is_none() && !self.told && self.pacing.frames() > 0;
+        let period = self.pacing.period_us().unwrap_or(0.0).max(0.0) as u64;
+        guessed.then(|| HostTime(since.0.saturating_add(UNKNOWN_US).saturating_sub(period)))
+    }
+
     fn paced(&self, number: u64) -> Result<(HostTime, FrameClock), Undated> {
         let latency = self.latency.ok_or(Undated::Uncalibrated)?;
         let clock = self.pacing.clock(latency.edge).ok_or(Undated::TooEarly)?;
@@ -113,6 +110,7 @@ impl Dating {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frames::pacing::Edge;
 
     fn stamp(number: u64, exposure: Option<(u64, u64)>) -> Stamp {
         let exposure = exposure.map(|(a, b)| (HostTime(a), HostTime(b)));

@@ -11,7 +11,7 @@ pub mod recorded;
 mod run;
 pub mod source;
 
-pub use dating::Latency;
+pub use crate::frames::pacing::Latency;
 pub use plan::{AutofocusError, Plan, REACH, Span, focus};
 pub use run::{Progress, Sample, ScanError, Scanned, compare_clocks, run};
 pub use source::{CameraSource, FocusSource, SourceError};

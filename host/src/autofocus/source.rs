@@ -1,10 +1,11 @@
 //! Where focus values come from: a camera's frames, or a recording ([`super::recorded`]).
 
-use super::dating::{Dating, Latency, Undated};
+use super::dating::{Dating, Undated};
 use super::run::Progress;
 use crate::focus::quality::Quality;
 use crate::focus::{self, Measure};
 use crate::frames::camera::{Camera, CameraError, Stamp};
+use crate::frames::pacing::Latency;
 use crate::link::transport::later;
 use crate::picture::{PictureError, Roi, View};
 use parfocal_protocol::autofocus::FrameFault;
@@ -148,10 +149,9 @@ pub trait FocusSource {
 /// The region does not fit, or the measure cannot be computed on it.
 pub fn judge(view: View<'_>, roi: Option<Roi>, measure: Measure) -> Result<Judged, SourceError> {
     let region = roi.map_or(Ok(view), |roi| view.crop(roi))?;
-    match Quality::of(region).fault() {
-        Some(fault) => Ok(Err(fault)),
-        None => Ok(Ok(focus::measure(region, measure)?)),
-    }
+    // First, so that a region too small for the measure is named as such.
+    let value = focus::measure(region, measure)?;
+    Ok(Quality::of(region).fault().map_or(Ok(value), Err))
 }
 
 /// Focus values from a live camera.
@@ -215,6 +215,16 @@ impl<C: Camera> CameraSource<C> {
 impl<C: Camera> FocusSource for CameraSource<C> {
     fn value(&mut self, wanted: Wanted) -> Result<Judged, SourceError> {
         let mut fault = FrameFault::NoFrame;
+        if let Some(until) = self.dating.stale_until(wanted.since) {
+            // What is stale by its arrival alone need not be decoded.
+            while let Some(stamp) = self.camera.next_stamp(wanted.deadline)? {
+                self.dating.see(&stamp);
+                fault = FrameFault::Stale;
+                if stamp.arrival >= until {
+                    break;
+                }
+            }
+        }
         while let Some(frame) = self.camera.next_frame(wanted.deadline)? {
             let stamp = frame.stamp();
             self.dating.see(&stamp);

@@ -1,6 +1,8 @@
 //! `parfocal calibrate`: from recorded samples to the camera's matrix, manipulators, objectives and pipettes.
 
+mod all;
 mod camera;
+mod into_view;
 mod latency;
 mod moves;
 mod objective;
@@ -29,6 +31,8 @@ pub struct Calibrate {
 
 #[derive(Debug, Subcommand)]
 enum Action {
+    /// Everything, with nobody at the microscope: the camera, then every manipulator
+    All(all::All),
     /// The camera's matrix, from a fixed point seen from several microscope positions
     Camera(camera::Camera),
     /// A manipulator's map to ref, from its tip in focus at several of its positions
@@ -41,6 +45,8 @@ enum Action {
     Latency(Box<latency::Latency>),
     /// Coarse registration from pictures of printed markers
     Coarse(Box<coarse::Arguments>),
+    /// A tip into the microscope's picture, by its marker
+    IntoView(into_view::IntoView),
     /// The objective's height after a turn of the coarse focus knob
     ObjectiveHeight(coarse::height::Arguments),
 }
@@ -49,12 +55,14 @@ enum Action {
 /// What stopped it, naming the row or key; nothing is changed then.
 pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow::Result<()> {
     match calibrate.action {
+        Action::All(all) => all.run(connection, out),
         Action::Camera(camera) => camera.run(connection, out),
         Action::Registration(registration) => registration.run(connection, out),
         Action::Objective(objective) => objective.run(connection, out),
         Action::Pipette(pipette) => pipette.run(connection, out),
         Action::Latency(latency) => latency.run(connection, out),
         Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
 }

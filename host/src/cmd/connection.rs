@@ -151,7 +151,7 @@ impl Connection {
     ///
     /// # Errors
     /// What is wrong with the rig's file.
-    pub fn latency(&self) -> anyhow::Result<Option<parfocal::autofocus::Latency>> {
+    pub fn latency(&self) -> anyhow::Result<Option<parfocal::frames::pacing::Latency>> {
         let Some(path) = &self.rig else { return Ok(None) };
         let rig = Rig::load(path).with_context(|| path.display().to_string())?;
         Ok(rig.contents().camera.as_ref().and_then(|c| c.latency.as_ref()).map(|l| l.in_force()))

@@ -152,7 +152,7 @@ impl<'a> Room<'a> {
         let rig = self.known()?;
         let model = simulated::Model { seed: self.seed, ..Default::default() };
         let Bench { mut stage, simulated } = self.connection.open(Purpose::Control, model)?;
-        let mut camera = self.camera(simulated.as_ref())?;
+        let mut camera = camera(self.live.camera.as_ref(), self.live.camera_latency_ms, simulated.as_ref())?;
         let mut focuser = ScanFocuser::new(self.live.measure, super::connection::fresh_session() as u16);
         let path = self.samples_path(name);
         let about = [format!("{name}: seed {}, parfocal {}", self.seed, env!("CARGO_PKG_VERSION"))];
@@ -199,17 +199,6 @@ impl<'a> Room<'a> {
         }
     }
 
-    /// The camera that was named, or the simulated rig's.
-    fn camera(&self, simulated: Option<&simulated::Handle>) -> anyhow::Result<Box<dyn Camera>> {
-        match (&self.live.camera, simulated) {
-            (None | Some(CameraAddress::Simulated), Some(rig)) => Ok(Box::new(rig.camera())),
-            (Some(address), _) => address
-                .open(Some(Duration::from_millis(self.live.camera_latency_ms)))?
-                .with_context(|| format!("{address} is a recording, or belongs to the simulated rig: a live procedure needs a live camera")),
-            (None, None) => bail!("a real rig needs a --camera: docs/cameras.md has examples"),
-        }
-    }
-
     fn samples_path(&self, name: &str) -> PathBuf {
         self.live.record.clone().unwrap_or_else(|| {
             let now = humantime::format_rfc3339_millis(std::time::SystemTime::now()).to_string();
@@ -219,18 +208,38 @@ impl<'a> Room<'a> {
     }
 }
 
+/// The camera that was named, or the simulated rig's.
+///
+/// # Errors
+/// It does not open, is none that runs on, or none was named.
+pub fn camera(
+    named: Option<&CameraAddress>,
+    latency_ms: u64,
+    simulated: Option<&simulated::Handle>,
+) -> anyhow::Result<Box<dyn Camera>> {
+    match (named, simulated) {
+        (None | Some(CameraAddress::Simulated), Some(rig)) => Ok(Box::new(rig.camera())),
+        (Some(address), _) => address.open(Some(Duration::from_millis(latency_ms)))?.with_context(|| {
+            format!("{address} is a recording, or belongs to the simulated rig: a live procedure needs a live camera")
+        }),
+        (None, None) => bail!("a real rig needs a --camera: docs/cameras.md has examples"),
+    }
+}
+
 /// What a procedure may need of the rig besides its axes and its camera.
 pub struct Around {
     /// The simulated rig, if this is it.
     pub simulated: Option<simulated::Handle>,
 }
 
-fn bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}   {elapsed}");
+/// A bar that says how much time is left.
+pub fn bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}   {elapsed}, about {eta} left");
     ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-fn tell(bar: &ProgressBar, said: Progress) {
+/// Shows how a procedure goes.
+pub fn tell(bar: &ProgressBar, said: Progress) {
     match said {
         Progress::Begins(text) => bar.suspend(|| eprintln!("{text}")),
         Progress::Focused { axis, at } => bar.set_message(format!("{axis} in focus at {:.2} µm", at.0)),

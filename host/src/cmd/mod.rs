@@ -33,6 +33,7 @@ mod simulated;
 mod status;
 mod stop;
 mod tip;
+mod unattended;
 mod vibrate;
 mod where_;
 
@@ -102,7 +103,7 @@ pub fn run(command: Command, connection: &Connection, out: Output) -> anyhow::Re
         Command::Focus(a) => focus::run(a, out),
         Command::Serve(a) => a.run(connection, out),
         Command::Simulate(a) => a.run(connection, out),
-        Command::Tip(a) => a.run(out),
+        Command::Tip(a) => a.run(connection, out),
     }
 }
 

@@ -8,7 +8,7 @@ use parfocal::rig::{AxisName, Coordinate, Device, ManipulatorNumber};
 use parfocal::stage::Place;
 use parfocal_protocol::units::{Axis, HostTime, Micrometres};
 use parfocal_simulator::camera::{CameraTiming, FrameTimes};
-use parfocal_simulator::model::RigModel;
+use parfocal_simulator::model::{ObjectiveModel, RigModel};
 use parfocal_simulator::rig::Rig;
 use std::collections::BTreeMap;
 use std::io;
@@ -90,6 +90,7 @@ impl Handle {
                 rig.set_position(place.board, place.axis, *at);
             }
         }
+        rig.objectives.push(ObjectiveModel::SEARCHER);
         let mut rig = Rig::new(rig);
         if let Some(name) = &model.objective {
             rig.set_objective(name);

@@ -1,8 +1,10 @@
-//! `parfocal tip`: finds pipette tips in pictures.
+//! `parfocal tip`: finds pipette tips in pictures, and a new pipette's tip at the rig.
 
 mod overlay;
+mod recalibrate;
 
 use super::Output;
+use super::connection::Connection;
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 use parfocal::frames::image_file;
@@ -23,6 +25,8 @@ pub struct Arguments {
 enum Action {
     /// Find the tip in pictures (PNG, TIFF, JPEG), or of a vibrating pipette in a burst of frames
     Detect(Detect),
+    /// After a change of pipette: one focus, one detection, the new tip in force
+    Recalibrate(recalibrate::Recalibrate),
 }
 
 #[derive(Debug, Args)]
@@ -48,6 +52,9 @@ struct Detect {
     /// Report tips that are at least this sure, 0 to 1
     #[arg(long, value_name = "0..1", default_value_t = Expect::default().confidence)]
     confidence: f64,
+    /// Size of a pixel at the sample, µm: says how wide a tip and its blur are in the picture
+    #[arg(long, value_name = "UM", default_value_t = Expect::default().pixel_um, value_parser = super::calibrate::positive)]
+    pixel_um: f64,
     /// Write the picture with the tip marked as a PNG (one picture only)
     #[arg(long, value_name = "FILE")]
     overlay: Option<PathBuf>,
@@ -85,9 +92,11 @@ impl Found {
 impl Arguments {
     /// # Errors
     /// A picture that cannot be read, a burst that cannot be used, an overlay that cannot be written.
-    pub fn run(self, out: Output) -> anyhow::Result<()> {
-        let Action::Detect(detect) = self.action;
-        detect.run(out)
+    pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
+        match self.action {
+            Action::Detect(detect) => detect.run(out),
+            Action::Recalibrate(recalibrate) => recalibrate.run(connection, out),
+        }
     }
 }
 
@@ -102,7 +111,7 @@ impl Detect {
             bail!("--overlay: shows one picture, {} are given: give one, or leave --overlay away", self.images.len());
         }
         let expect =
-            Expect { angle_deg: self.expect_angle, tolerance_deg: self.tolerance, confidence: self.confidence };
+            Expect { angle_deg: self.expect_angle, tolerance_deg: self.tolerance, confidence: self.confidence, pixel_um: self.pixel_um };
         let mut images = Vec::new();
         if let (Some(folder), Some(fps), Some(hz)) = (&self.burst, self.fps, self.vibration_hz) {
             let frames = frames_of(folder)?;

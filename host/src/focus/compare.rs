@@ -83,7 +83,8 @@ pub fn recommend(rows: &[Row], z_step: Micrometres, truth: Option<Micrometres>) 
     if let Some(noise) = shape.noise {
         words += &format!("; noise {:.2} % of its height", 100.0 * noise);
     }
-    words += &format!("; {:.3} ms a frame.", row.ms);
+    let us = 1e3 * row.ms;
+    words += &format!("; {us:.*} µs a frame.", usize::from(us < 10.0));
     if let (Some(valley), false) = (shape.valley_um, focus.in_valley) {
         words += &format!(
             " It has a second lobe of similar height: if the object is unstained, its focus is the valley at {valley:.2} µm."

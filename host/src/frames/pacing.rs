@@ -40,6 +40,17 @@ impl Edge {
     }
 }
 
+/// From the middle of a frame's exposure to its arrival at one edge of the camera's delivery.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Latency {
+    /// How late, µs.
+    pub late_us: f64,
+    /// Time between frames when it was measured, µs: a camera set to another rate has another latency.
+    pub period_us: f64,
+    /// Counted to the fastest arrivals, or to the last ones.
+    pub edge: Edge,
+}
+
 /// Follows the frames of one camera.
 #[derive(Clone, Debug, Default)]
 pub struct Pacing {

@@ -5,11 +5,13 @@
 //! ([`super::jog`]), which works far out of focus, and then focused. Each objective hands a better registration to the next; the last
 //! one sees the tip itself. Obstacles are kept clear of by what the registration may still be wrong.
 
+use super::camera::sample;
 use super::error::ProcedureError;
 use super::guard::{Targets, moves_sample, targets};
 use super::jog::{Jogged, jogged};
 use super::live::{LiveRig, Progress, Seen};
 use super::point::{Found, NotFound, PointFinder, Subject, Witness};
+use super::record::{Recorder, Sample};
 use crate::calibration::chain::{Arm, Chain, ChainError, Pixel};
 use crate::calibration::frames::{Displacement, Man, Point, Ref};
 use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber, Rig};
@@ -55,7 +57,8 @@ const LEFT_SHARE: f64 = 0.05;
 /// Heights that the pipette is lifted by when an obstacle is in the way, and how often.
 const LIFTS: usize = 12;
 
-/// Brings the tip into the picture's middle, in focus, through the last of the objectives. `change` puts an objective into the light path.
+/// Brings the tip into the picture's middle, in focus, through the last of the objectives, and records it there. `change` puts an
+/// objective into the light path.
 ///
 /// # Errors
 /// [`ProcedureError::Uncoarse`] without a coarse registration, [`NotFound`] when the search ends without the tip, an obstacle or a
@@ -65,6 +68,7 @@ pub fn into_view(
     finder: &mut dyn PointFinder,
     plan: &IntoViewPlan,
     change: &mut dyn FnMut(&str) -> Result<(), String>,
+    recorder: &mut Recorder,
 ) -> Result<InView, ProcedureError> {
     let number = plan.manipulator;
     let coarse = live.rig().contents().manipulators.get(&number).and_then(|m| m.coarse.as_ref());
@@ -81,7 +85,13 @@ pub fn into_view(
     let found = hunt.through(&plan.objectives, change);
     let Hunt { live, arm, error, correction, .. } = hunt;
     match found {
-        Ok(seen) => Ok(InView { arm, correction: correction.into(), error_um: error.max(), seen }),
+        Ok(seen) => {
+            let pose = live.pose()?;
+            let mic_um = pose.microscope(live.rig());
+            let man_um = Some((number, pose.joints(number).coordinates));
+            recorder.keep(Sample { man_um, ..sample(live, &Subject::Tip(number), &pose, &seen, mic_um) })?;
+            Ok(InView { arm, correction: correction.into(), error_um: error.max(), seen })
+        }
         Err(why) => {
             if live.guard.keep_on() {
                 // Best effort: what ended the search is what the person has to know.

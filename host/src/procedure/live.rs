@@ -252,7 +252,7 @@ impl<'a> LiveRig<'a> {
     ) -> Result<Seen, ProcedureError> {
         let z = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
         let first = match self.find(finder, subject, None, None) {
-            Err(ProcedureError::NotFound(NotFound::Unseen(_))) => self.pose()?.axis(z),
+            Err(ProcedureError::NotFound(NotFound::Unseen(_) | NotFound::Passed(_))) => self.pose()?.axis(z),
             other => return other,
         };
         self.tell(Progress::Begins(format!("{subject} is not seen here: looking {reach_um:.0} µm up and down.")));

@@ -102,6 +102,26 @@ impl Recorder {
         Ok(Self { file: Some((path.into(), file)), purpose, samples: Vec::new() })
     }
 
+    /// Goes on with a file of an earlier run. A line that the earlier run's end tore is dropped. The earlier samples are
+    /// in the file only: [`crate::calibration::samples::Table`] reads them.
+    ///
+    /// # Errors
+    /// [`ProcedureError::Record`]: it cannot be written, or holds other columns.
+    pub fn resume(path: &Path, purpose: Purpose) -> Result<Self, ProcedureError> {
+        let failed = |reason: String| ProcedureError::Record { path: path.into(), reason };
+        let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
+        let header = text.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
+        if header != columns(purpose).join(",") {
+            return Err(failed("its columns are not those of these samples; name another folder".into()));
+        }
+        let file = File::options().append(true).open(path).map_err(|e| failed(e.to_string()))?;
+        let whole = text.rfind('\n').map_or(0, |end| end + 1);
+        if whole < text.len() {
+            file.set_len(whole as u64).map_err(|e| failed(e.to_string()))?;
+        }
+        Ok(Self { file: Some((path.into(), file)), purpose, samples: Vec::new() })
+    }
+
     /// Keeps one more sample: on the disk when this returns.
     ///
     /// # Errors

@@ -2,9 +2,8 @@
 
 use super::markers::{CoarseRegistration, Markers};
 use super::names::{BoardId, Coordinate, Device, ManipulatorNumber};
-use crate::autofocus::Latency;
 use crate::calibration::coarse::StereoCamera;
-use crate::frames::pacing::Edge;
+use crate::frames::pacing::{Edge, Latency};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -104,6 +104,27 @@ fn a_camera_calibration_and_a_new_objective_are_read_back() {
 }
 
 #[test]
+fn a_cameras_latency_is_read_back_and_nonsense_in_it_refused() {
+    let mut rig = Rig::parse(EDITED).unwrap();
+    assert_eq!(rig.contents().camera.as_ref().unwrap().latency, None, "files from before have none");
+    let latency = CameraLatency {
+        latency_ms: 152.3,
+        error_ms: 0.2,
+        period_ms: 33.333,
+        edge: crate::frames::pacing::Edge::Latest,
+        date: "2025-02-02T10:00:00Z".into(),
+    };
+    rig.contents_mut().camera.as_mut().unwrap().latency = Some(latency.clone());
+    let text = rig.to_text().unwrap();
+    assert!(EDITED.lines().all(|line| text.contains(line)) && text.contains("edge = \"latest\""), "{text}");
+    assert_eq!(Rig::parse(&text).unwrap().contents().camera.as_ref().unwrap().latency, Some(latency));
+    for (good, bad) in [("152.3", "nan"), ("152.3", "1e9"), ("33.333", "0"), ("33.333", "-1"), ("latest", "last")] {
+        let error = Rig::parse(&text.replacen(good, bad, 1)).unwrap_err().to_string();
+        assert!(error.contains("camera.latency"), "{bad}: {error}");
+    }
+}
+
+#[test]
 fn nonsense_is_refused_and_the_key_is_named() {
     let cases = [
         ("schema = 1", "schema = 2", "schema 2"),

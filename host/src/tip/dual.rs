@@ -2,8 +2,8 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// Derivatives that a [`Dual`] carries; one lane more than a cone has numbers, so that they fill whole registers.
-pub const LANES: usize = 8;
+/// Derivatives that a [`Dual`] carries: they fill a register.
+pub const LANES: usize = 4;
 
 /// A value and its derivatives.
 #[derive(Clone, Copy, Debug)]

@@ -12,6 +12,27 @@ pub struct End {
     pub clarity: f64,
 }
 
+/// The end of the detail, looked for once more from where it was found: the cone's own tip may lie far behind it, and what it
+/// says of the opening with it.
+pub fn settled(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
+    let first = end(levels, cone, noise)?;
+    let (sin, cos) = cone.angle.sin_cos();
+    let opening = cone.ln_opening.exp().min(LARGEST_PX);
+    let moved = Cone {
+        x: cone.x + first.beyond * cos,
+        y: cone.y + first.beyond * sin,
+        ln_opening: opening.ln(),
+        ..*cone
+    };
+    // A second look that ends elsewhere has followed something else: the seam in front, or dirt.
+    let second = end(levels, &moved, noise).filter(|end| end.beyond.abs() <= opening);
+    let further = second.map_or(0.0, |end| end.beyond);
+    Some(End { beyond: first.beyond + further, ..first })
+}
+
+/// Opening that a tip's end is looked for with, at most, px.
+const LARGEST_PX: f64 = 3.0;
+
 /// Looks for the place where the gradients of glass and halo fall to half of what they are along the last part of the shank.
 /// `noise` is a standard deviation of a pixel of the picture.
 pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {

@@ -1,6 +1,5 @@
 //! Fits a pipette's end to the pixels about it.
 
-use super::dual::LANES;
 use super::model::{Cone, Drawing, GLASS, PLACES};
 use super::pyramid::Level;
 use nalgebra::{SMatrix, SVector};
@@ -14,6 +13,8 @@ pub struct Patch {
     x: f64,
     y: f64,
     step: f64,
+    /// How many times finer than the model's optics a pixel is.
+    unit: f64,
     radius: f32,
     samples: Vec<Sample>,
     /// Sum of the weights.
@@ -31,7 +32,7 @@ struct Sample {
 
 impl Patch {
     /// The pixels of `level` within `radius` px of (`x`, `y`), px of the picture; those in the middle count most.
-    pub fn cut(level: &Level, x: f64, y: f64, radius: f64) -> Self {
+    pub fn cut(level: &Level, x: f64, y: f64, radius: f64, unit: f64) -> Self {
         let step = level.step as f64;
         let range = |c: f64, n: usize| {
             let low = ((c - radius) / step).ceil().max(0.0) as usize;
@@ -54,7 +55,7 @@ impl Patch {
                 }
             }
         }
-        Self { x, y, step, radius: radius as f32, samples, mass }
+        Self { x, y, step, unit, radius: radius as f32, samples, mass }
     }
 }
 
@@ -62,6 +63,8 @@ impl Patch {
 #[derive(Clone, Debug)]
 pub struct Fit {
     pub cone: Cone,
+    /// As the patch's.
+    pub unit: f64,
     pub mix: [f64; GLASS],
     /// Weighted mean of the squared residuals.
     pub residual: f64,
@@ -150,29 +153,29 @@ struct Drawn {
     mix: Mix,
     squares: f64,
     inverse: Shapes,
-    halo: Halo,
+    seam: Seam,
 }
 
-/// How freely the halo joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
+/// How freely the seam joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Halo {
+pub enum Seam {
     Without,
     With,
 }
 
 impl Drawn {
-    fn new(patch: &Patch, cone: &Cone, weights: &[f32], halo: Halo) -> Self {
-        let drawing = Drawing::plain(cone, patch.step, [patch.x, patch.y]);
+    fn new(patch: &Patch, cone: &Cone, weights: &[f32], seam: Seam) -> Self {
+        let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
         let inverse = 1.0 / patch.radius;
         let rows = patch
             .samples
             .iter()
             .map(|s| {
-                let [a, b, c, d, e, f] = drawing.shapes(s.x, s.y);
-                [a, b, c, d, e, f, 1.0, s.x * inverse, s.y * inverse]
+                let [glass, lumen, seam] = drawing.shapes(s.x, s.y);
+                [glass, lumen, seam, 1.0, s.x * inverse, s.y * inverse]
             })
             .collect();
-        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), halo };
+        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), seam };
         drawn.solve(patch, weights);
         drawn
     }
@@ -195,11 +198,11 @@ impl Drawn {
         let mut matrix = Shapes::from_fn(|i, j| if j <= i { normal[i][j] } else { normal[j][i] });
         // Shapes that look alike when blurred share the light evenly.
         let ridge = 1e-4 * normal[GLASS][GLASS].max(1e-12);
-        let halo = match self.halo {
-            Halo::Without => 1e9,
-            Halo::With => 30.0,
+        let seam = match self.seam {
+            Seam::Without => 1e9,
+            Seam::With => 1.0,
         };
-        for (i, factor) in [1.0, 1.0, halo, halo, halo, halo].into_iter().enumerate() {
+        for (i, factor) in [1.0, 30.0, seam].into_iter().enumerate() {
             matrix[(i, i)] += factor * ridge;
         }
         let right = Mix::from(right);
@@ -216,32 +219,28 @@ impl Drawn {
 
     /// Derivatives of the residuals by the cone's numbers, the mix following along (Kaufman 1975).
     fn derivatives(&self, patch: &Patch, cone: &Cone, weights: &[f32]) -> Vec<[f32; LANES]> {
-        let drawing = Drawing::derived(cone, patch.step, [patch.x, patch.y]);
+        let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
         let mix: [f32; GLASS] = std::array::from_fn(|i| self.mix[i] as f32);
-        let mut shared = [[0.0_f64; LANES]; SHAPES];
+        let mut shared = [[0.0_f32; LANES]; SHAPES];
         let mut all: Vec<[f32; LANES]> = Vec::with_capacity(patch.samples.len());
         for ((s, row), w) in patch.samples.iter().zip(&self.rows).zip(weights) {
-            let shapes = drawing.shapes(s.x, s.y);
-            let mut slopes = [0.0_f32; LANES];
-            for (shape, m) in shapes.iter().zip(&mix) {
-                for (sum, slope) in slopes.iter_mut().zip(&shape.slopes) {
-                    *sum -= m * slope;
-                }
-            }
-            for i in 0..SHAPES {
-                for k in 0..LANES {
-                    shared[i][k] += f64::from(w * row[i] * slopes[k]);
+            let [a, b, c, d, e, f, g] = drawing.slopes(s.x, s.y, &mix);
+            let slopes = [-a, -b, -c, -d, -e, -f, -g, 0.0];
+            for (shared, shape) in shared.iter_mut().zip(row) {
+                let share = w * shape;
+                for (sum, slope) in shared.iter_mut().zip(&slopes) {
+                    *sum += share * slope;
                 }
             }
             all.push(slopes);
         }
-        let shared = SMatrix::<f64, SHAPES, LANES>::from_fn(|i, k| shared[i][k]);
+        let shared = SMatrix::<f64, SHAPES, LANES>::from_fn(|i, k| f64::from(shared[i][k]));
         let along = self.inverse * shared;
         let along: [[f32; LANES]; SHAPES] = std::array::from_fn(|i| std::array::from_fn(|k| along[(i, k)] as f32));
         for (slopes, row) in all.iter_mut().zip(&self.rows) {
-            for i in 0..SHAPES {
-                for k in 0..LANES {
-                    slopes[k] -= row[i] * along[i][k];
+            for (shape, along) in row.iter().zip(&along) {
+                for (slope, along) in slopes.iter_mut().zip(along) {
+                    *slope -= shape * along;
                 }
             }
         }
@@ -249,30 +248,40 @@ impl Drawn {
     }
 }
 
+/// Lanes of a row of derivatives: one more than a cone has numbers, so that they fill whole registers.
+const LANES: usize = 8;
+
+/// How much likelier a cone makes a patch than light alone does: the logarithm of the squares' ratio, for all its pixels.
+pub fn gain(patch: &Patch, cone: &Cone) -> f64 {
+    let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
+    let drawn = Drawn::new(patch, cone, &base, Seam::Without);
+    patch.mass * (empty_residual(patch) / drawn.squares.max(1e-12)).max(1.0).ln()
+}
+
 /// Fits by Levenberg and Marquardt's method, at most `rounds` steps. `variance`: of a pixel's noise, at least. `None` where
 /// the patch holds too few pixels.
-pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo, rounds: usize) -> Option<Fit> {
+pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam, rounds: usize) -> Option<Fit> {
     if patch.samples.len() < 4 * (PLACES + SHAPES) {
         return None;
     }
     let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
     let mut weights = base.clone();
     let mut at = start;
-    let mut now = Drawn::new(patch, &at, &weights, halo);
+    let mut now = Drawn::new(patch, &at, &weights, seam);
     let back = 0.4 * f64::from(patch.radius);
     let anchor = [start.x - back * start.angle.cos(), start.y - back * start.angle.sin()];
-    if halo == Halo::With {
+    if seam == Seam::With {
         // Where the pipette ends along its axis has many a local best.
         let anchored = Anchored::new(&at, anchor);
         let (sin, cos) = at.angle.sin_cos();
         let mut best = f64::INFINITY;
-        for i in -4..=8 {
-            let shift = f64::from(i) * 0.06 * f64::from(patch.radius);
+        for i in -2..=3 {
+            let shift = f64::from(i) * 0.1 * f64::from(patch.radius);
             let mut numbers = anchored.numbers;
             numbers[0] += shift * cos;
             numbers[1] += shift * sin;
             let cone = Anchored { at: anchor, numbers }.cone();
-            let drawn = Drawn::new(patch, &cone, &weights, halo);
+            let drawn = Drawn::new(patch, &cone, &weights, seam);
             if drawn.squares < best {
                 best = drawn.squares;
                 at = cone;
@@ -289,18 +298,22 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
         let slopes = now.derivatives(patch, &at, &weights);
         let noise = (now.squares / patch.mass).max(variance);
         let params = at.to_array();
-        let mut right = SVector::<f64, PLACES>::zeros();
-        let mut sums = [[0.0_f64; PLACES]; PLACES];
+        let mut pull = [0.0_f32; LANES];
+        let mut sums = [[0.0_f32; LANES]; PLACES];
         for ((d, r), w) in slopes.iter().zip(&residuals).zip(&weights) {
-            for i in 0..PLACES {
-                let wi = w * d[i];
-                right[i] -= f64::from(wi * r);
-                for j in 0..=i {
-                    sums[i][j] += f64::from(wi * d[j]);
+            let wr = w * r;
+            for (sum, slope) in pull.iter_mut().zip(d) {
+                *sum -= wr * slope;
+            }
+            for (sums, slope) in sums.iter_mut().zip(d) {
+                let share = w * slope;
+                for (sum, slope) in sums.iter_mut().zip(d) {
+                    *sum += share * slope;
                 }
             }
         }
-        normal = Places::from_fn(|i, j| if j <= i { sums[i][j] } else { sums[j][i] } / noise);
+        let mut right = SVector::<f64, PLACES>::from_fn(|i, _| f64::from(pull[i]));
+        normal = Places::from_fn(|i, j| f64::from(sums[i.max(j)][i.min(j)]) / noise);
         right /= noise;
         for i in 0..PLACES {
             normal[(i, i)] += prior.deviation[i].powi(-2);
@@ -323,7 +336,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
             };
             let numbers = std::array::from_fn(|i| anchored.numbers[i] + step[i].clamp(-LEAP[i], LEAP[i]));
             let cone = Anchored { at: anchor, numbers }.cone();
-            let next = Drawn::new(patch, &cone, &weights, halo);
+            let next = Drawn::new(patch, &cone, &weights, seam);
             if next.squares / noise + prior.penalty(&cone) < cost {
                 moved = (cone.x - at.x).hypot(cone.y - at.y);
                 at = cone;
@@ -343,6 +356,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, halo: Halo,
     let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
     Some(Fit {
         cone: at,
+        unit: patch.unit,
         mix: std::array::from_fn(|i| now.mix[i]),
         residual: squares / patch.mass,
         empty: empty_residual(patch) / patch.mass,

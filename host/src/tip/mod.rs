@@ -43,15 +43,29 @@ pub struct Expect {
     pub tolerance_deg: f64,
     /// Less sure tips are not reported.
     pub confidence: f64,
+    /// Size of a pixel at the sample, µm: says how wide a pipette's opening and its blur are in the picture.
+    pub pixel_um: f64,
 }
+
+/// Pixel size that the detector's lengths are meant for, µm.
+const PIXEL_UM: f64 = 0.32;
+
+/// Halvings of a picture at most.
+const HALVINGS: f64 = 4.0;
 
 impl Default for Expect {
     fn default() -> Self {
-        Self { angle_deg: None, tolerance_deg: 30.0, confidence: 0.5 }
+        Self { angle_deg: None, tolerance_deg: 30.0, confidence: 0.5, pixel_um: PIXEL_UM }
     }
 }
 
 impl Expect {
+    /// How often the picture is halved before it is looked at.
+    fn halvings(&self) -> usize {
+        let times = (PIXEL_UM / self.pixel_um).log2().round();
+        if times > 0.0 { times.min(HALVINGS) as usize } else { 0 }
+    }
+
     fn allows(&self, angle_rad: f64) -> bool {
         self.angle_deg.is_none_or(|expected| {
             let turn = (angle_rad - expected.to_radians() + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;
@@ -61,14 +75,30 @@ impl Expect {
 }
 
 /// Candidates that get a first look, and those that get a closer one.
-const CANDIDATES: usize = 16;
-const CLOSER: usize = 5;
+const CANDIDATES: usize = 40;
+const CLOSER: usize = 3;
 
 /// The tip in a picture, or `None` if there is none that the detector is sure of. Works in focus and within 10 µm of it (at
 /// 0.32 µm/px and NA 0.8), for dark and bright pipettes, on 8- and 16-bit pictures.
 pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
-    let mut levels = pyramid::levels(view);
-    let light = light::Light::of(levels.last()?);
+    look(view, expect, 1).pop()
+}
+
+/// Every tip in a picture, the surest first.
+pub fn detect_all(view: &View<'_>, expect: &Expect) -> Vec<Tip> {
+    let mut tips = look(view, expect, CLOSER);
+    tips.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    tips
+}
+
+/// The `most` likeliest places of a tip, settled; those that the detector is sure of.
+fn look(view: &View<'_>, expect: &Expect, most: usize) -> Vec<Tip> {
+    let halvings = expect.halvings();
+    let scale = (1 << halvings) as f64;
+    let mut levels = pyramid::levels(view, halvings);
+    let (width, height) = (view.width() as f64 / scale, view.height() as f64 / scale);
+    let Some(coarsest) = levels.last() else { return Vec::new() };
+    let light = light::Light::of(coarsest);
     let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
     for level in &mut levels {
         light.flatten(level);
@@ -76,35 +106,46 @@ pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
     let candidates = search::candidates(&levels, noise, CANDIDATES, |angle| expect.allows(angle));
     let mut found = hypothesis::coarse(&levels, noise, &candidates);
     found.truncate(CLOSER);
-    let best = hypothesis::fine(&levels, noise, &found)
-        .into_iter()
-        .find(|h| expect.allows(h.fit.cone.angle) && inside(view, h.fit.cone.x, h.fit.cone.y))?;
-    let tip = settle(&levels, &best, noise);
-    (tip.confidence >= expect.confidence && inside(view, tip.x_px, tip.y_px)).then_some(tip)
+    hypothesis::fine(&levels, noise, &found)
+        .iter()
+        .filter(|h| expect.allows(h.fit.cone.angle) && inside(width, height, h.fit.cone.x, h.fit.cone.y))
+        .take(most)
+        .map(|h| settle(&levels, h, noise))
+        .filter(|tip| tip.confidence >= expect.confidence && inside(width, height, tip.x_px, tip.y_px))
+        .map(|tip| Tip { x_px: (tip.x_px + 0.5) * scale - 0.5, y_px: (tip.y_px + 0.5) * scale - 0.5, ..tip })
+        .collect()
 }
 
 /// A tip nearer to the edge than this may as well lie beyond it.
 const MARGIN_PX: f64 = 6.0;
 
-fn inside(view: &View<'_>, x: f64, y: f64) -> bool {
-    let within = |v: f64, n: usize| v >= MARGIN_PX && v <= n as f64 - 1.0 - MARGIN_PX;
-    within(x, view.width()) && within(y, view.height())
+fn inside(width: f64, height: f64, x: f64, y: f64) -> bool {
+    let within = |v: f64, n: f64| v >= MARGIN_PX && v <= n - 1.0 - MARGIN_PX;
+    within(x, width) && within(y, height)
 }
 
 /// Detail this far above the noise settles where a pipette ends better than its blur does.
 const CLEAR: f64 = 8.0;
 
 fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
-    let cone = &best.fit.cone;
-    let end = end::end(levels, cone, noise).filter(|end| end.clarity > CLEAR);
-    let beyond = end.map_or(0.0, |end| end.beyond);
-    let (sin, cos) = cone.angle.sin_cos();
+    let polished = hypothesis::polish(levels, noise, best);
+    let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
+    // Thin glass bends light more than it takes: real tips reach farther than their darkness, and their detail shows it.
+    let end = end::settled(levels, &best.fit.cone, noise).filter(|end| end.clarity > CLEAR);
+    let (x, y, angle) = match end {
+        Some(end) => {
+            let cone = &best.fit.cone;
+            let (sin, cos) = cone.angle.sin_cos();
+            let angle = hypothesis::shank_angle(levels, cone, noise).unwrap_or(cone.angle);
+            (cone.x + end.beyond * cos, cone.y + end.beyond * sin, angle)
+        }
+        None => (cone.x, cone.y, cone.angle),
+    };
     let log_odds = best.log_odds(&FINE) + if end.is_some() { 5.5 } else { 0.0 };
-    let angle = end.and_then(|_| hypothesis::shank_angle(levels, cone, noise)).unwrap_or(cone.angle);
     let degrees = angle.to_degrees().rem_euclid(360.0);
     Tip {
-        x_px: cone.x + beyond * cos,
-        y_px: cone.y + beyond * sin,
+        x_px: x,
+        y_px: y,
         angle_deg: if degrees > 180.0 { degrees - 360.0 } else { degrees },
         confidence: 1.0 / (1.0 + (-log_odds).exp()),
     }

@@ -68,15 +68,20 @@ fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height:
     Level { width: w, height: h, step: 2 * step, values: out }
 }
 
-/// Half, quarter, eighth and sixteenth of the picture, as far as they have pixels.
-pub fn levels(view: &View<'_>) -> Vec<Level> {
+/// Half, quarter, eighth and sixteenth of the picture, as far as they have pixels. With `halvings` of the picture halved as many
+/// times first, whose pixels they then count in.
+pub fn levels(view: &View<'_>, halvings: usize) -> Vec<Level> {
     let mut levels = vec![Level::of(view)];
-    while levels.len() < 4 {
+    while levels.len() < 4 + halvings {
         let last = &levels[levels.len() - 1];
         if last.width < 4 || last.height < 4 {
             break;
         }
         levels.push(halve(&last.values, last.width, last.width, last.height, last.step));
+    }
+    levels.drain(..halvings.min(levels.len() - 1));
+    for level in &mut levels {
+        level.step = (level.step >> halvings).max(1);
     }
     levels
 }

@@ -52,7 +52,7 @@ pub fn explained(levels: &[Level], fit: &Fit, noise: f64) -> Explained {
 fn share(levels: &[Level], fit: &Fit, noise: f64, (radius, level): (f64, usize)) -> Option<f64> {
     let level = levels.get(level)?;
     let cone = &fit.cone;
-    let drawing = Drawing::plain(cone, level.step as f64, [cone.x, cone.y]);
+    let drawing = Drawing::new(cone, level.step as f64, [cone.x, cone.y], fit.unit);
     let mut pairs = Vec::with_capacity(DIRECTIONS);
     let mut behind = 0;
     for j in 0..DIRECTIONS {

@@ -1,12 +1,11 @@
 //! The calibration: one peak swept over in both directions, at two speeds, several times.
 
 use super::{BothWays, Delays, LEAST_RATIO, separate};
-use crate::autofocus::dating::Latency;
 use crate::autofocus::plan::{AutofocusError, Plan, Span, focus};
 use crate::autofocus::run::Progress;
 use crate::autofocus::source::{CameraSource, FocusSource, SourceError};
 use crate::frames::camera::Camera;
-use crate::frames::pacing::Pacing;
+use crate::frames::pacing::{Edge, Latency, Pacing};
 use crate::link::explain::scan_refusal;
 use crate::stage::Stage;
 use parfocal_protocol::autofocus::{Mode, Outcome, ScanRefusal, Strategy};
@@ -185,16 +184,15 @@ fn first_guess<C: Camera>(
     let pacing = source.dating().pacing();
     let period_us = pacing.clock(edge).map_or(period_us, |clock| clock.period_us);
     let late_us = match edge {
-        crate::frames::pacing::Edge::Earliest => 0.0,
-        crate::frames::pacing::Edge::Latest => spread_us(pacing),
+        Edge::Earliest => 0.0,
+        Edge::Latest => spread_us(pacing),
     };
     Ok(Latency { late_us, period_us, edge })
 }
 
 /// How far the latest arrivals are behind the earliest, µs.
 fn spread_us(pacing: &Pacing) -> f64 {
-    use crate::frames::pacing::Edge::{Earliest, Latest};
-    let (Some(early), Some(late)) = (pacing.clock(Earliest), pacing.clock(Latest)) else { return f64::MAX };
+    let (Some(early), Some(late)) = (pacing.clock(Edge::Earliest), pacing.clock(Edge::Latest)) else { return f64::MAX };
     let middle = pacing.middle();
     (late.time(middle).0 as f64 - early.time(middle).0 as f64).max(0.0)
 }

@@ -1,9 +1,12 @@
 //! The tolerance, when nobody gives one.
 //!
-//! A contrario (Moisan & Stival, IJCV 57, 2004): of all hypotheses and all numbers of inliers take those that chance
-//! would least produce. That gives a first set without any scale; from then on the tolerance is four standard
-//! deviations of the inliers' residuals, and solver and tolerance take turns until both stand still.
+//! Of all hypotheses and all numbers of inliers take the one under which the points are likeliest: inliers' residuals normal with one standard
+//! deviation, the others' with another, both unknown and integrated out as far as they go, and paid for by the number of sets that could have been
+//! chosen. That needs no idea of how far off wrong points are: tens of µm among points a millimetre apart stand out as well as gross ones. From
+//! then on the tolerance is four standard deviations of the inliers' residuals, and solver and tolerance take turns until both
+//! stand still.
 
+use super::model::Fit;
 use super::search::{Search, TOLERANCE_SIGMAS};
 use super::{Solution, SolveError, conclude};
 use nalgebra::SVector;
@@ -30,7 +33,7 @@ pub fn settle<const D: usize>(search: &mut Search<'_, D>) -> Result<Solution<D>,
     Ok(solution)
 }
 
-/// A first tolerance: that of the least accidental set.
+/// A first tolerance: that of the likeliest set.
 pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, SolveError> {
     let (n, m) = (search.src.len(), search.model.sample_size::<D>());
     let floor = extent(search.dst) * FINEST;
@@ -38,33 +41,80 @@ pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, Solv
         // An exact fit has no residuals to learn from.
         return Ok(floor.max(f64::MIN_POSITIVE));
     }
-    let combinations: Vec<f64> = (0..=n).map(|k| log_binomial(n, k) + log_binomial(k, m)).collect();
-    let volume = (extent(search.dst)).powi(D as i32).max(f64::MIN_POSITIVE);
+    // For every number of inliers, the sample whose nearest points fit it best.
+    let mut best: Vec<Option<(f64, Vec<usize>)>> = vec![None; n + 1];
     let mut sorted: Vec<(f64, usize)> = Vec::with_capacity(n);
-    let mut best: Option<(f64, Vec<usize>)> = None;
     search.samples(|search, sample| {
         let fit = search.sample_fit(sample)?;
-        sorted.clear();
-        sorted.extend(search.src.iter().zip(search.dst).enumerate().map(|(i, (x, y))| {
-            let r = (y - fit.map.apply(x)).norm() / (1.0 + fit.leverage(x)).sqrt();
-            (if sample.contains(&i) { 0.0 } else { r }, i)
-        }));
-        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for k in m + 1..=n {
-            let share = (ball::<D>() * sorted[k - 1].0.max(floor).powi(D as i32) / volume).min(1.0);
-            let accident = combinations[k] + (k - m) as f64 * share.ln();
-            if best.as_ref().is_none_or(|(least, _)| accident < *least) {
-                best = Some((accident, sorted[..k].iter().map(|(_, i)| *i).collect()));
+        nearest(search, &fit, &mut sorted);
+        let mut inside = 0.0;
+        for k in 1..=n {
+            inside += sorted[k - 1].0;
+            if k > m && best[k].as_ref().is_none_or(|(least, _)| inside < *least) {
+                best[k] = Some((inside, sorted[..k].iter().map(|(_, i)| *i).collect()));
             }
         }
         Some(DRAWS)
     });
-    let degenerate = SolveError::Degenerate { model: search.model.name() };
-    let (_, mut chosen) = best.ok_or(degenerate)?;
-    chosen.sort_unstable();
-    let fit = search.model.fit(search.src, search.dst, &chosen).ok_or(degenerate)?;
-    let residuals: Vec<_> = search.src.iter().zip(search.dst).map(|(x, y)| y - fit.map.apply(x)).collect();
-    Ok(from_residuals(search, &chosen, &residuals).unwrap_or(floor))
+    let mut likeliest: Option<(f64, f64)> = None;
+    for (_, mut chosen) in best.into_iter().flatten() {
+        let k = chosen.len();
+        // Concentrate: fit, take the k nearest, until they stand still (Rousseeuw & Van Driessen 1999).
+        let mut fit = None;
+        for _ in 0..CONCENTRATIONS {
+            chosen.sort_unstable();
+            let Some(found) = search.model.fit(search.src, search.dst, &chosen) else { break };
+            nearest(search, &found, &mut sorted);
+            fit = Some(found);
+            let mut next: Vec<usize> = sorted[..k].iter().map(|(_, i)| *i).collect();
+            next.sort_unstable();
+            if next == chosen {
+                break;
+            }
+            chosen = next;
+        }
+        let Some(fit) = fit else { continue };
+        let r2 = |i: usize| (search.dst[i] - fit.map.apply(&search.src[i])).norm_squared();
+        let free = (D * k).saturating_sub(search.model.parameters::<D>());
+        if free == 0 {
+            continue;
+        }
+        let (free, rest) = (free as f64, (D * (n - k)) as f64);
+        let near = (chosen.iter().map(|&i| r2(i)).sum::<f64>() / free).max((floor * floor).max(f64::MIN_POSITIVE));
+        let out: f64 = sorted[k..].iter().map(|(r2, _)| r2).sum();
+        let far = if k == n { 1.0 } else { (out / rest).max(near) };
+        let choices = log_binomial(n, k) + log_binomial(k, m) + entropy(k, n);
+        let unlikely = 0.5 * (free * near.ln() + rest * far.ln() + search.surprise(&fit, near.sqrt())) + choices;
+        // The best of many sets fits by chance as well: by about one standard deviation of its own.
+        let generous = 1.0 + if k == n { 0.0 } else { 1.0 / (2.0 * free).sqrt() };
+        if likeliest.is_none_or(|(least, _)| unlikely < least) {
+            likeliest = Some((unlikely, (TOLERANCE_SIGMAS * near.sqrt() * generous).max(floor)));
+        }
+    }
+    likeliest.map(|(_, tolerance)| tolerance).ok_or(SolveError::Degenerate { model: search.model.name() })
+}
+
+/// Most rounds of fitting and choosing anew.
+const CONCENTRATIONS: usize = 10;
+
+/// The points by their squared distance from a fit, in units of what noise alone makes there.
+fn nearest<const D: usize>(search: &Search<'_, D>, fit: &Fit<D>, sorted: &mut Vec<(f64, usize)>) {
+    sorted.clear();
+    sorted.extend(
+        search
+            .src
+            .iter()
+            .zip(search.dst)
+            .enumerate()
+            .map(|(i, (x, y))| ((y - fit.map.apply(x)).norm_squared() / (1.0 + fit.leverage(x)), i)),
+    );
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+}
+
+/// −log of the likelihood of k right points among n when their share is k/n.
+fn entropy(k: usize, n: usize) -> f64 {
+    let part = |k: usize| if k == 0 { 0.0 } else { k as f64 * (n as f64 / k as f64).ln() };
+    part(k) + part(n - k)
 }
 
 /// Four standard deviations of the chosen points' residuals; `None` without degrees of freedom.
@@ -81,11 +131,6 @@ fn from_residuals<const D: usize>(
 /// The largest distance from the mean, 0.
 fn extent<const D: usize>(points: &[SVector<f64, D>]) -> f64 {
     2.0 * points.iter().map(|p| p.norm()).fold(0.0, f64::max)
-}
-
-/// Volume of the unit ball in `D` dimensions.
-fn ball<const D: usize>() -> f64 {
-    if D == 2 { std::f64::consts::PI } else { 4.0 / 3.0 * std::f64::consts::PI }
 }
 
 fn log_binomial(n: usize, k: usize) -> f64 {

@@ -24,6 +24,8 @@ const NEAR: f64 = 1.69;
 pub const TOLERANCE_SIGMAS: f64 = 4.0;
 /// Largest share of a point's cost that the prior may charge for one axis: it breaks ties, it does not overrule points.
 const PRIOR_CAP: f64 = 1.0;
+/// Most that one axis' length counts when sets of inliers are weighed.
+const SURPRISE_CAP: f64 = 25.0;
 /// Maps whose costs differ by less than this share of an outlier explain the points as well as each other.
 const TIE: f64 = 0.2;
 /// An axis resting on one point is doubted beyond this many standard deviations from the prior.
@@ -225,6 +227,13 @@ impl<'a, const D: usize> Search<'a, D> {
                 .sum(),
         };
         inside + (self.src.len() - chosen.len()) as f64 + prior
+    }
+
+    /// Squared standard deviations that the axes' lengths are from what the prior expects, when the noise has this one; each at most
+    /// [`SURPRISE_CAP`], so that a wrong prior costs little.
+    pub fn surprise(&self, fit: &Fit<D>, sigma: f64) -> f64 {
+        let Some(prior) = self.prior else { return 0.0 };
+        (0..D).map(|axis| deviation(fit, axis, prior, sigma * TOLERANCE_SIGMAS).powi(2).min(SURPRISE_CAP)).sum()
     }
 
     /// Another map that explains the points as well as the best.

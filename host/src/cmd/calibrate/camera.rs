@@ -6,7 +6,7 @@ use crate::cmd::live::{LiveArguments, PointArguments, Room};
 use anyhow::Context;
 use clap::Args;
 use parfocal::calibration::camera::{CameraFit, fit};
-use parfocal::calibration::chain::Sensor;
+use parfocal::calibration::chain::{ChainError, Sensor};
 use parfocal::calibration::report;
 use parfocal::procedure::{self, CameraPlan, Purpose};
 use parfocal::rig::{self, CameraCalibration, Moves, Rig};
@@ -45,6 +45,8 @@ impl Camera {
             if self.solving.dry_run {
                 return super::moves::microscope(&room, self.live.places(), self.solving.report.as_deref(), out);
             }
+            // Said before anything moves.
+            self.objective(&room.known()?)?;
             let plan = CameraPlan {
                 subject: self.point.subject()?,
                 places: self.live.places(),
@@ -77,31 +79,32 @@ impl Camera {
         out.result(&format!("{}\n{saved}", report.text()), &self.json(&fit, &report))
     }
 
+    /// The objective that the samples are taken with, and its α, which divides the matrix.
+    fn objective(&self, rig: &Rig) -> anyhow::Result<(Option<String>, f64)> {
+        let name = self.objective.clone().or_else(|| rig.contents().objective_in_use.clone());
+        if rig.contents().objectives.is_empty() {
+            return Ok((name, 1.0));
+        }
+        let name = name.ok_or(ChainError::NoObjective)?;
+        let objective = rig.contents().objectives.get(&name).with_context(|| {
+            let known: Vec<_> = rig.contents().objectives.keys().map(String::as_str).collect();
+            format!("objective '{name}' is not in the rig's file; it has: {}", known.join(", "))
+        })?;
+        let zoom = rig.contents().zoom_in_use.unwrap_or(1.0);
+        let alpha = match objective.zooms.iter().find(|z| z.zoom == zoom) {
+            Some(zoom) => zoom.alpha,
+            None if objective.default => 1.0,
+            None => anyhow::bail!(
+                "the camera's matrix is kept for the default objective, and '{name}' is not calibrated against it: \
+                 calibrate the camera with the default one, then 'parfocal calibrate objective'"
+            ),
+        };
+        Ok((Some(name), alpha))
+    }
+
     /// Puts A, which is of the default objective, in the rig.
     fn put(&self, rig: &mut Rig, fit: &CameraFit, sensor: Sensor) -> anyhow::Result<()> {
-        let name = self.objective.clone().or_else(|| rig.contents().objective_in_use.clone());
-        let known = !rig.contents().objectives.is_empty();
-        if known && name.is_none() {
-            anyhow::bail!(
-                "the objective in use is not known: give --objective NAME, or say it with 'parfocal objective NAME'"
-            );
-        }
-        let mut alpha = 1.0;
-        if let (Some(name), true) = (&name, known) {
-            let objective = rig.contents().objectives.get(name).with_context(|| {
-                let known: Vec<_> = rig.contents().objectives.keys().map(String::as_str).collect();
-                format!("objective '{name}' is not in the rig's file; it has: {}", known.join(", "))
-            })?;
-            let zoom = rig.contents().zoom_in_use.unwrap_or(1.0);
-            alpha = match objective.zooms.iter().find(|z| z.zoom == zoom) {
-                Some(zoom) => zoom.alpha,
-                None if objective.default => 1.0,
-                None => anyhow::bail!(
-                    "the camera's matrix is kept for the default objective, and '{name}' is not calibrated against it: \
-                     calibrate the camera with the default one, then 'parfocal calibrate objective'"
-                ),
-            };
-        }
+        let (name, alpha) = self.objective(rig)?;
         let a = fit.matrix_um_per_px / alpha;
         let camera = rig.contents_mut().camera.get_or_insert(rig::Camera {
             width_px: sensor.width_px,

@@ -1,7 +1,7 @@
 //! `parfocal calibrate latency`: how late a camera's frames come, by sweeps in both directions at two speeds.
 
-use crate::cmd::camera::{CameraAddress, Region, simulated_region};
-use crate::cmd::connection::{Connection, Purpose, shown};
+use crate::cmd::camera::{CameraAddress, Region, sharpest_of, simulated_region};
+use crate::cmd::connection::{Bench, Connection, Purpose, shown};
 use crate::cmd::{Output, interrupt, simulated};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -12,9 +12,10 @@ use parfocal::focus::Measure;
 use parfocal::frames::camera::Camera;
 use parfocal::link::explain::scan_refusal;
 use parfocal::link::transport::later;
+use parfocal::picture::Roi;
 use parfocal::rig::{self, AxisName, CameraLatency, Rig};
 use parfocal_protocol::autofocus::Outcome;
-use parfocal_protocol::units::{HostTime, Micrometres, MicrometresPerSecond};
+use parfocal_protocol::units::{Micrometres, MicrometresPerSecond};
 
 /// What `calibrate latency` takes.
 #[derive(Debug, Args)]
@@ -58,19 +59,12 @@ impl Latency {
     /// What stopped it; the rig's file is not changed then.
     pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         interrupt::watch();
-        let CameraAddress::Simulated(timing) = self.camera else {
-            bail!("a recording has no latency: name a live camera, as in --camera sim?stamps=arrival")
-        };
         let mut file = connection.rig.as_deref().map(Rig::load).transpose()?;
-        let model = simulated::Model { seed: connection.seed, timing: Some(timing), ..Default::default() };
+        let timing = if let CameraAddress::Simulated(timing) = self.camera { Some(timing) } else { None };
+        let model = simulated::Model { seed: connection.seed, timing, ..Default::default() };
         let mut bench = connection.open(Purpose::Control, model)?;
-        let Some(simulated) = &bench.simulated else {
-            bail!("only the simulated rig's camera is known to this program")
-        };
-        let roi = simulated_region(simulated, self.roi)?;
-        let mut camera = simulated.camera();
-        let size = camera.next_frame(later(HostTime(simulated.lock().now()), 2_000))?;
-        let size = size.context("the camera gave no frame")?.picture;
+        let (mut camera, roi) = self.camera(&bench)?;
+        let size = camera.next_frame(later(bench.stage.now(), 2_000))?.context("the camera gave no frame")?.picture;
         let mut source = CameraSource::new(camera, roi, self.measure, None);
         let style = ProgressStyle::with_template("{spinner} {pos:>5} frames   {msg}   {elapsed}");
         let bar = ProgressBar::new_spinner().with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
@@ -124,6 +118,30 @@ impl Latency {
             text += "Nothing was kept: --rig FILE says where.\n";
         }
         out.result(&text, &json(&found))
+    }
+
+    /// The camera and the region of its pictures.
+    fn camera(&self, bench: &Bench) -> anyhow::Result<(Box<dyn Camera>, Option<Roi>)> {
+        match (&self.camera, &bench.simulated) {
+            (CameraAddress::Stack(_) | CameraAddress::Curve(_), _) => {
+                bail!("a recording has no latency: name a live camera, as in --camera \"sim?stamps=arrival\"")
+            }
+            (CameraAddress::Simulated(_), Some(rig)) => Ok((Box::new(rig.camera()), simulated_region(rig, self.roi)?)),
+            (CameraAddress::Simulated(_), None) => bail!("a real board needs a --camera: docs/cameras.md has examples"),
+            (CameraAddress::Live(_), Some(_)) => {
+                bail!("a real camera does not see the simulated rig: name the board with --port or --rig")
+            }
+            (CameraAddress::Live(address), None) => {
+                let camera = address.open(None)?;
+                let mut camera = camera.with_context(|| format!("{address} is no camera of a real rig"))?;
+                let roi = match self.roi {
+                    Some(Region::Drawn(roi)) => Some(roi),
+                    Some(Region::All) => None,
+                    None | Some(Region::Sharpest) => sharpest_of(camera.as_mut(), bench.stage.now())?,
+                };
+                Ok((camera, roi))
+            }
+        }
     }
 
     fn text(&self, found: &Calibrated) -> String {

@@ -90,6 +90,7 @@ impl Objective {
     /// The default objective and those to calibrate against it, as the rig's file has them.
     fn plan(&self, room: &Room<'_>) -> anyhow::Result<ObjectivePlan> {
         let rig = room.known()?;
+        self.matrix(Some(&rig))?;
         let default = self.default_name(Some(&rig), &[])?;
         let known: Vec<String> = rig.contents().objectives.keys().cloned().collect();
         if let Some(unknown) = self.through.iter().chain([&default]).find(|name| !known.contains(name)) {
@@ -128,7 +129,7 @@ impl Objective {
 
 /// Puts an objective into the light path: turns the simulated turret, or asks a person. The rig's file says so at once,
 /// whatever becomes of the calibration.
-fn change(path: &Path, name: &str, around: &Around) -> Result<(), String> {
+pub(super) fn change(path: &Path, name: &str, around: &Around) -> Result<(), String> {
     match &around.simulated {
         Some(rig) => rig.set_objective(name)?,
         None => {

@@ -94,7 +94,7 @@ fn table(rows: &[Row]) -> String {
         "µm",
         "µm",
         "%",
-        "ms",
+        "µs",
     );
     let number = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     for row in rows {
@@ -104,7 +104,7 @@ fn table(rows: &[Row]) -> String {
         };
         let edge = if shape.at_edge { "!" } else { "" };
         text += &format!(
-            "{:<24}{:>9}{:>9}{:>8}{:>10}{:>9}{:>17}{:>8}{:>9.3}\n",
+            "{:<24}{:>9}{:>9}{:>8}{:>10}{:>9}{:>17}{:>8}{:>9.1}\n",
             row.measure,
             format!("{edge}{:.2}", shape.peak_um),
             number(row.error_um, 2),
@@ -113,7 +113,7 @@ fn table(rows: &[Row]) -> String {
             number(shape.width_um, 2),
             format!("{:.1}..{:.1}", shape.climb_um[0], shape.climb_um[1]),
             number(shape.noise.map(|n| 100.0 * n), 2),
-            row.ms,
+            1e3 * row.ms,
         );
     }
     if rows.iter().any(|r| r.shape.as_ref().is_some_and(|s| s.at_edge)) {

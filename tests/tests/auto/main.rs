@@ -1,0 +1,8 @@
+//! A calibration with nobody at the microscope, on the simulated rig in virtual time.
+
+mod eyes;
+mod faults;
+mod unattended;
+#[path = "../live/world.rs"]
+#[allow(dead_code, reason = "the live procedures' tests use the rest")]
+mod world;
