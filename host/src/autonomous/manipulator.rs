@@ -253,10 +253,7 @@ impl Run<'_, '_> {
     /// One more sample, at a random place or, every other time, where the map is weakest.
     fn next(&mut self, middle: Point<Ref>, draws: &mut Draws) -> Result<(), AutoError> {
         let arm = self.arm().ok_or_else(|| ProcedureError::Implausible {
-            what: format!(
-                "the joints of {} do not move its tip in three directions: do all three axes move?",
-                self.manipulator
-            ),
+            what: format!("the joints of {} do not move its tip in three directions: do all three axes move?", self.manipulator),
         })?;
         self.live.guard.assume(self.manipulator, arm);
         let window = self.live.window();
@@ -434,17 +431,12 @@ pub fn recognise(
             }
         }
     }
-    Err(if most == 0 {
-        AutoError::NoTip { reach_um: plan.reach_um }
-    } else {
-        AutoError::NotMoving { manipulator, seen: most }
-    })
+    Err(if most == 0 { AutoError::NoTip { reach_um: plan.reach_um } } else { AutoError::NotMoving { manipulator, seen: most } })
 }
 
 /// Whether a tip is gone from its place, and one like it is near.
 fn has_moved(tip: &Seen, after: &[Seen]) -> bool {
-    let alike =
-        |other: &Seen| tip.found.angle_deg.zip(other.found.angle_deg).is_none_or(|(a, b)| turn_deg(a, b) < 20.0);
+    let alike = |other: &Seen| tip.found.angle_deg.zip(other.found.angle_deg).is_none_or(|(a, b)| turn_deg(a, b) < 20.0);
     let off = |other: &Seen| apart(tip.pixel, other.pixel);
     let stayed = after.iter().any(|other| alike(other) && off(other) < STAYED_PX);
     !stayed && after.iter().any(|other| alike(other) && off(other) < MOVED_PX)
