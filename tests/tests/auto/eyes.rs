@@ -43,13 +43,7 @@ pub struct TruthEyes {
 
 impl TruthEyes {
     pub fn new(world: &World, seed: u64, wrongs: &Wrongs) -> Self {
-        Self {
-            world: world.clone(),
-            noise: Noise::new(seed ^ 0xe7e5),
-            wrongs: wrongs.clone(),
-            frames: 0,
-            lowest_um: f64::MAX,
-        }
+        Self { world: world.clone(), noise: Noise::new(seed ^ 0xe7e5), wrongs: wrongs.clone(), frames: 0, lowest_um: f64::MAX }
     }
 }
 
