@@ -74,7 +74,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 })
             })
             .collect();
-        workers.into_iter().flat_map(|w| w.join().expect("a worker panics only with the program")).collect::<Result<Vec<Row>, _>>()
+        workers
+            .into_iter()
+            .flat_map(|w| w.join().expect("a worker panics only with the program"))
+            .collect::<Result<Vec<Row>, _>>()
     })?;
     let report = Report::new(rows);
     print!("{report}");

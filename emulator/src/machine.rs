@@ -89,8 +89,6 @@ enum Order {
     Hold(bool),
     /// Put a word into RAM.
     Poke { address: u64, value: u32 },
-    /// Put another half-word into the program, and tell what was there.
-    Replace { address: u64, value: u16 },
     /// Count instructions between these places.
     Watch(Watch),
     /// That was all.
@@ -101,7 +99,6 @@ enum Order {
 enum Answer {
     At { nanos: u64, instructions: u64, resets: usize },
     Level(bool),
-    Word(u16),
 }
 
 /// A passage of the core at a watched place.
@@ -224,7 +221,7 @@ impl Machine {
             Answer::At { nanos, instructions, resets } => {
                 (self.nanos, self.instructions, self.resets) = (nanos, instructions, resets);
             }
-            Answer::Level(_) | Answer::Word(_) => unreachable!("nothing was asked for"),
+            Answer::Level(_) => unreachable!("nothing was asked for"),
         }
         Ok(())
     }
@@ -261,19 +258,7 @@ impl Machine {
         self.tell(Order::Level { port, pin });
         match self.answers.recv().context("the core stopped")? {
             Answer::Level(high) => Ok(high),
-            Answer::At { .. } | Answer::Word(_) => unreachable!("it does not run"),
-        }
-    }
-
-    /// Puts another half-word into the program; the one that was there.
-    ///
-    /// # Errors
-    /// When the core has stopped for good.
-    pub fn replace(&mut self, address: u64, value: u16) -> anyhow::Result<u16> {
-        self.tell(Order::Replace { address, value });
-        match self.answers.recv().context("the core stopped")? {
-            Answer::Word(before) => Ok(before),
-            Answer::At { .. } | Answer::Level(_) => unreachable!("it does not run"),
+            Answer::At { .. } => unreachable!("it does not run"),
         }
     }
 
@@ -339,11 +324,6 @@ impl Driver<Nucleo> for Runner {
                 Order::Hold(held) => core.hold(held),
                 // Not RAM: an error of the scenario, which ends the run.
                 Order::Poke { address, value } => core.write(address, Width::W32, value.into()).ok()?,
-                Order::Replace { address, value } => {
-                    let before = core.read(address, Width::W16).ok()?;
-                    core.program(address, Width::W16, value.into()).ok()?;
-                    self.outbox.send(Answer::Word(before as u16)).ok()?;
-                }
                 Order::Watch(watch) => session.watch(watch),
                 Order::End => return None,
             }

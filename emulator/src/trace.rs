@@ -143,6 +143,7 @@ where
         if change.request == TRIGGER_OUTPUT {
             if let Some(input) = self.sources.iter().position(|s| *s == change.instance) {
                 self.timer.drive_internal_trigger(input as u8, change.level, registers, context);
+                self.look(registers, context);
             }
         } else {
             ErasedDevice::on_request(&mut self.timer, change, registers, context);

@@ -153,11 +153,6 @@ fn mirrored_axes_and_the_rigid_model() {
     std::fs::write(bench.file("samples.csv"), csv).unwrap();
     let (code, said) = parfocal_json(&["calibrate", "registration", "--samples", &bench.file("samples.csv")]);
     assert!(code == 0 && said["mirrored"] == true, "{said}");
-    // Four or five points determine an affine map hardly or not at all: the rigid one must not hide behind that.
-    for few in [4, 5] {
-        let csv = rows(MAN, &left_handed[..few]);
-        bench.refuses(&csv, &["registration", "--model", "rigid"], &["rigid", "mirrored"]);
-    }
 }
 
 #[test]

@@ -103,7 +103,8 @@ impl Report {
             missed.sort_by(|a, b| a.defocus_um.abs().total_cmp(&b.defocus_um.abs()));
             worst.extend(missed.into_iter().take(count));
         }
-        worst.extend(self.rows.iter().filter(|r| r.truth_px.is_none() || r.show == "shank").filter(|r| r.tip.is_some()));
+        worst
+            .extend(self.rows.iter().filter(|r| r.truth_px.is_none() || r.show == "shank").filter(|r| r.tip.is_some()));
         worst
     }
 }

@@ -11,7 +11,8 @@ pub fn save(folder: &Path, row: &Row, picture: &Picture) -> anyhow::Result<()> {
     let view = picture.view();
     let (width, height) = (view.width(), view.height());
     let value = |x: usize, y: usize| f64::from(view.get(x, y).unwrap_or_default());
-    let mut sorted: Vec<f64> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();
+    let mut sorted: Vec<f64> =
+        (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();
     sorted.sort_by(f64::total_cmp);
     let (low, high) = (sorted[sorted.len() / 500], sorted[sorted.len() - 1 - sorted.len() / 500]);
     let mut image = RgbImage::from_fn(width as u32, height as u32, |x, y| {

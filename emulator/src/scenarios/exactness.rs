@@ -26,13 +26,14 @@ const AMPLITUDE: u32 = 120;
 const FREQUENCY: f32 = 17.0;
 const CYCLES: u16 = 3;
 
-/// Alike but for their edges: the longest way then rules all axes, and its durations are everybody's.
+/// Alike but for their edges: the longest way then rules all axes, and its durations are everybody's. None of these is nearly a
+/// whole number of ticks, so that rounding up leaves no doubt.
 fn settings() -> [AxisSettings; 4] {
     std::array::from_fn(|i| AxisSettings {
         steps_per_um: StepsPerMicrometre(40.0),
-        speed: MicrometresPerSecond(2_000.0),
-        acceleration: MicrometresPerSecond2(40_000.0),
-        jerk: MicrometresPerSecond3(4_000_000.0),
+        speed: MicrometresPerSecond(1_950.0),
+        acceleration: MicrometresPerSecond2(41_300.0),
+        jerk: MicrometresPerSecond3(3_970_000.0),
         driver: Driver::Tmc2209,
         edges: if i % 2 == 1 { Edges::Both } else { Edges::Rising },
         ..AxisSettings::default()

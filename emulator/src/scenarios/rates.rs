@@ -42,10 +42,10 @@ struct Run {
 
 /// Most instructions that a step may take, single edge on one axis (a record a step), in cruise and in ramps. The interrupt's
 /// whole cost is in it, idle axes included. Lower them when a step gets cheaper; a change that needs more says why.
-const MOST: [f64; 2] = [30.0, 60.0];
+const MOST: [f64; 2] = [26.0, 50.0];
 
 /// The same for both edges, two of which make a record.
-const MOST_EDGE: [f64; 2] = [18.0, 36.0];
+const MOST_EDGE: [f64; 2] = [15.0, 30.0];
 
 /// Bounds kept, or which is not.
 fn bounded(what: &str, run: &Run, most: [f64; 2]) -> anyhow::Result<()> {

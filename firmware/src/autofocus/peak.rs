@@ -51,7 +51,7 @@ pub struct Peak {
 pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
     let places = (from.0..=to.0).map(Place);
     if curve.noise().is_silent() {
-        return places.filter_map(|p| top(curve, p)).reduce(|a, b| if b.value > a.value { b } else { a });
+        return tops(curve, from, to).map(|(_, top)| top).reduce(|a, b| if b.value > a.value { b } else { a });
     }
     let (_, best) = curve.best()?;
     // A narrow top loses up to a fifth of itself to the smoothing, and more to lying between two samples.
@@ -63,6 +63,34 @@ pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
         .reduce(|a, b| if bound(&b) > bound(&a) { b } else { a })
 }
 
+/// Every [`top`] between two places, with its place.
+pub fn tops(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
+    let mut next = from.0;
+    // The known place before: its value, and whether that is not lower than the one before it.
+    let mut last: Option<(i32, f64, bool)> = None;
+    let summits = core::iter::from_fn(move || {
+        loop {
+            if last.is_some_and(|l| l.0 > to.0) || next > to.0 + APART {
+                return None;
+            }
+            let here = next;
+            next += 1;
+            // Values are compared without software floats: most places are no top.
+            let Some(value) = curve.mean(Place(here)) else { continue };
+            let rose = match last {
+                Some((_, before, _)) => value.total_cmp(&before).is_ge(),
+                None => value_beside(curve, Place(here), -1).is_some_and(|v| v.total_cmp(&value).is_le()),
+            };
+            let summit = last.filter(|(_, before, rose)| *rose && value.total_cmp(before).is_le());
+            last = Some((here, value, rose));
+            if let Some((place, ..)) = summit {
+                return Some(Place(place));
+            }
+        }
+    });
+    summits.filter_map(|p| Some((p, top(curve, p)?)))
+}
+
 fn is_local_maximum(curve: &Curve, place: Place) -> bool {
     let Some(value) = curve.smooth(place) else { return false };
     let higher = |p: i32| curve.smooth(Place(p)).is_some_and(|v| v > value);
@@ -71,7 +99,6 @@ fn is_local_maximum(curve: &Curve, place: Place) -> bool {
 
 /// The parabola's top at a place whose neighbours are not higher.
 pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
-    // Most places are no top: that is found out by their values alone, compared without software floats.
     let value = curve.mean(place)?;
     if [-1, 1].iter().any(|sign| value_beside(curve, place, *sign).is_none_or(|v| v.total_cmp(&value).is_gt())) {
         return None;
@@ -100,11 +127,11 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
 
 /// The tops between two places that may be the highest, each with its place, by what is known of them.
 pub fn rivals(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
-    let tops = move || (from.0..=to.0).filter_map(move |p| top(curve, Place(p)).map(|top| (Place(p), top)));
-    let highest = tops().map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
+    let all = move || tops(curve, from, to);
+    let highest = all().map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
     let least = highest.map_or(0.0, |h| h.value - h.error);
     let noise = 3.0 * curve.noise().relative() * magnitude(least);
-    tops().filter(move |(_, t)| t.value + t.error + noise >= least)
+    all().filter(move |(_, t)| t.value + t.error + noise >= least)
 }
 
 /// The nearest known cell on one side.

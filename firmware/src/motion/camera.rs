@@ -122,11 +122,10 @@ impl Camera {
         }
         let Some(track) = self.axis.and_then(|axis| tracks.get(axis)) else { return };
         self.output = match self.output {
-            Output::Ready => match self.laid.pop_front() {
-                Some(laid) if timers.arm(laid.record) => Output::Armed(laid),
-                // Too soon after the one before, or too late to be prepared: no pulse, and none is told.
-                _ => Output::Ready,
-            },
+            // Too soon after the one before, or too late to be prepared: no pulse, and none is told.
+            Output::Ready => core::iter::from_fn(|| self.laid.pop_front())
+                .find(|laid| timers.arm(laid.record))
+                .map_or(Output::Ready, Output::Armed),
             Output::Armed(laid) if timers.fired() => {
                 // The events' reader takes them every ms; pulses come 0.4 ms apart at least.
                 let _ = self.given.push_back((laid.index, laid.tick));

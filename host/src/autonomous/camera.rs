@@ -239,9 +239,7 @@ impl Run<'_, '_> {
 
     fn corners(&self) -> Vec<Vector2<f64>> {
         let window = self.live.window();
-        [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
-            .map(|(x, y)| self.centred(window.at_share(x, y, 0.0)))
-            .into()
+        [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| self.centred(window.at_share(x, y, 0.0))).into()
     }
 
     /// Moves one axis, very little first, until the picture has shifted well.
@@ -293,4 +291,3 @@ impl Run<'_, '_> {
         self.keep(&seen)
     }
 }
-

@@ -12,7 +12,7 @@ use crate::calibration::camera::Options;
 use crate::calibration::chain::{Arm, Chain, Pixel};
 use crate::calibration::frames::{Displacement, Man, Point, Ref, Transform};
 use crate::calibration::registration::{RegistrationFit, fit, places};
-use crate::calibration::robust::{Map, Model, ScalePrior};
+use crate::calibration::robust::{Fit, Map, Model, ScalePrior};
 use crate::calibration::samples::RegistrationSample;
 use crate::procedure::{Draws, LiveRig, ProcedureError, Progress, Purpose, Sample, Seen, Subject, Targets, targets};
 use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber, Obstacle, Rig};
@@ -27,6 +27,9 @@ const MOST: usize = 80;
 const FIRST_UM: f64 = 8.0;
 /// Places are chosen at least this far above a floor: the map in the making is not exact yet.
 const ABOVE_FLOOR_UM: f64 = 5.0;
+
+/// While samples are few no place is chosen where their noise counts more than √this times.
+const FARTHEST_LEVERAGE: f64 = 20.0;
 
 /// What came of it.
 pub struct Found {
@@ -168,8 +171,12 @@ impl Run<'_, '_> {
 
     /// The registration so far: the robust one, or of all samples while they are few.
     fn map(&self) -> Option<Map<3>> {
+        self.so_far().map(|fit| fit.map)
+    }
+
+    fn so_far(&self) -> Option<Fit<3>> {
         if let Some(fit) = &self.fit {
-            return Some(fit.solution.fit.map);
+            return Some(fit.solution.fit);
         }
         let src = self.sources();
         let dst = places(&self.samples, Some(&self.chain)).ok()?;
@@ -179,10 +186,12 @@ impl Run<'_, '_> {
         let mean = src.iter().sum::<Vector3<f64>>() / src.len() as f64;
         let around: Vec<_> = src.iter().map(|p| p - mean).collect();
         let all: Vec<usize> = (0..src.len()).collect();
-        let map = Model::Affine.fit(&around, &dst, &all)?.map;
-        let size: f64 = map.linear.column_iter().map(|c| c.norm()).product();
-        let spans = map.linear.iter().all(|v| v.is_finite()) && map.linear.determinant().abs() > 0.02 * size;
-        spans.then(|| Map { linear: map.linear, shift: map.shift - map.linear * mean })
+        let fit = Model::Affine.fit(&around, &dst, &all)?;
+        let linear = fit.map.linear;
+        let size: f64 = linear.column_iter().map(|c| c.norm()).product();
+        let spans = linear.iter().all(|v| v.is_finite()) && linear.determinant().abs() > 0.02 * size;
+        let map = Map { linear, shift: fit.map.shift - linear * mean };
+        spans.then(|| Fit { map, centre: fit.centre + mean, ..fit })
     }
 
     fn arm(&self) -> Option<Arm> {
@@ -253,7 +262,10 @@ impl Run<'_, '_> {
     /// One more sample, at a random place or, every other time, where the map is weakest.
     fn next(&mut self, middle: Point<Ref>, draws: &mut Draws) -> Result<(), AutoError> {
         let arm = self.arm().ok_or_else(|| ProcedureError::Implausible {
-            what: format!("the joints of {} do not move its tip in three directions: do all three axes move?", self.manipulator),
+            what: format!(
+                "the joints of {} do not move its tip in three directions: do all three axes move?",
+                self.manipulator
+            ),
         })?;
         self.live.guard.assume(self.manipulator, arm);
         let window = self.live.window();
@@ -273,9 +285,16 @@ impl Run<'_, '_> {
         let joints: Vec<_> = choice.iter().map(|(_, place)| arm.joints_for(*place).coordinates).collect();
         let weak = self.fit.as_ref().filter(|_| self.samples.len() % 2 == 0);
         let first = weak.and_then(|fit| weakest(&fit.solution, &joints)).unwrap_or(0);
+        let mut order: Vec<usize> = std::iter::once(first).chain((0..CHOICE).filter(|k| *k != first)).collect();
+        if let (None, Some(fit)) = (&self.fit, self.so_far()) {
+            // Not farther than the first few samples can tell: the farthest of those, else the nearest of all.
+            let leverage = |k: usize| fit.leverage(&joints[k]);
+            let rank = |k: usize| if leverage(k) <= FARTHEST_LEVERAGE { -leverage(k) } else { leverage(k) };
+            order.sort_by(|a, b| rank(*a).total_cmp(&rank(*b)));
+        }
         // Where there is no room another one does.
         let mut why = None;
-        for k in std::iter::once(first).chain((0..CHOICE).filter(|k| *k != first)) {
+        for k in order {
             let (pixel, place) = choice[k];
             let mut to: Targets = targets(self.device(), joints[k]);
             let here = self.live.pose()?.axis(focus_axis());
@@ -431,12 +450,17 @@ pub fn recognise(
             }
         }
     }
-    Err(if most == 0 { AutoError::NoTip { reach_um: plan.reach_um } } else { AutoError::NotMoving { manipulator, seen: most } })
+    Err(if most == 0 {
+        AutoError::NoTip { reach_um: plan.reach_um }
+    } else {
+        AutoError::NotMoving { manipulator, seen: most }
+    })
 }
 
 /// Whether a tip is gone from its place, and one like it is near.
 fn has_moved(tip: &Seen, after: &[Seen]) -> bool {
-    let alike = |other: &Seen| tip.found.angle_deg.zip(other.found.angle_deg).is_none_or(|(a, b)| turn_deg(a, b) < 20.0);
+    let alike =
+        |other: &Seen| tip.found.angle_deg.zip(other.found.angle_deg).is_none_or(|(a, b)| turn_deg(a, b) < 20.0);
     let off = |other: &Seen| apart(tip.pixel, other.pixel);
     let stayed = after.iter().any(|other| alike(other) && off(other) < STAYED_PX);
     !stayed && after.iter().any(|other| alike(other) && off(other) < MOVED_PX)

@@ -66,7 +66,8 @@ pub fn direction(places: &[Vector3<f64>], linear: &Matrix3<f64>, azimuth_deg: Op
         Some(shank) => {
             // An axis has been measured over a longer way than a shank.
             let along = axes.map(|axis| (axis.direction.coordinates.angle(&shank.direction.coordinates), axis));
-            let near = along.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(turn, _)| turn.to_degrees() < 0.25 * ALONG_DEG);
+            let near =
+                along.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(turn, _)| turn.to_degrees() < 0.25 * ALONG_DEG);
             Some(match near {
                 Some((_, axis)) => Direction { fit: axis, source: "axis" },
                 None => Direction { fit: shank, source: "shank" },

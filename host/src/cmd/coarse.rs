@@ -1,5 +1,6 @@
 //! `parfocal calibrate coarse`: where manipulators and objective stand, seen by a stereo camera.
 
+mod cameras;
 mod force;
 pub mod height;
 mod learning;
@@ -11,6 +12,7 @@ mod stereo;
 use super::Output;
 use clap::{ArgGroup, Args};
 use parfocal::calibration::coarse::{MarkerId, StereoCamera};
+use parfocal::frames::address::CameraAddress;
 use parfocal::rig::Rig;
 use std::path::PathBuf;
 
@@ -23,6 +25,12 @@ pub struct Arguments {
     /// Folder of stereo pairs place_K_left.png, place_K_right.png, from two places or more
     #[arg(long, value_name = "DIR")]
     pairs: Option<PathBuf>,
+    /// Two running cameras that take the pairs first and keep them in that folder: exec:COMMAND or another camera's address
+    #[arg(long, value_name = "LEFT RIGHT", num_args = 2, requires = "pairs")]
+    cameras: Vec<CameraAddress>,
+    /// Places that the cameras are put to
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=50))]
+    places: u32,
     /// Poses from another tracker: rows view,marker,qw,qx,qy,qz,x_mm,y_mm,z_mm
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,

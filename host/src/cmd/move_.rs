@@ -21,7 +21,7 @@ pub struct Arguments {
     #[arg(long, conflicts_with_all = ["pulse_every_um", "pulse_at_um"])]
     no_wait: bool,
     #[command(flatten)]
-    pulses: move_pulses::Arguments,
+    pulses: move_pulses::Pulses,
 }
 
 /// Where one axis shall go.

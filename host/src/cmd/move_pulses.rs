@@ -7,9 +7,9 @@ use parfocal_protocol::message::{Event, TriggerPlan};
 use parfocal_protocol::units::{BoardTime, Micrometres, Nanometres};
 use serde::Serialize;
 
-/// Camera pulses on the way.
+/// Camera pulses on the way. Its name must differ from those of other groups of arguments.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Arguments {
+pub struct Pulses {
     /// Give a camera pulse every so many µm of the way, on the very step
     #[arg(long, value_name = "UM", conflicts_with = "pulse_at_um")]
     pulse_every_um: Option<f64>,
@@ -45,7 +45,7 @@ pub struct Planned {
 /// Most pulses of a plan, as the board has it.
 const MOST: f64 = 60_000.0;
 
-impl Arguments {
+impl Pulses {
     /// The plan for a move to `targets`, all absolute; `None` when no pulses are asked for.
     ///
     /// # Errors

@@ -110,8 +110,12 @@ impl Detect {
         if self.overlay.is_some() && self.images.len() > 1 {
             bail!("--overlay: shows one picture, {} are given: give one, or leave --overlay away", self.images.len());
         }
-        let expect =
-            Expect { angle_deg: self.expect_angle, tolerance_deg: self.tolerance, confidence: self.confidence, pixel_um: self.pixel_um };
+        let expect = Expect {
+            angle_deg: self.expect_angle,
+            tolerance_deg: self.tolerance,
+            confidence: self.confidence,
+            pixel_um: self.pixel_um,
+        };
         let mut images = Vec::new();
         if let (Some(folder), Some(fps), Some(hz)) = (&self.burst, self.fps, self.vibration_hz) {
             let frames = frames_of(folder)?;

@@ -54,6 +54,8 @@ const DEPTH_UM: f64 = 1.0;
 /// What an objective leaves open of a tip found by a jog: depths of field, and shares of the picture's shorter side.
 const LEFT_DEPTHS: f64 = 1.0;
 const LEFT_SHARE: f64 = 0.05;
+/// Where along the pipette the tip's focus is looked for, in shares of the picture's shorter side behind where a jog saw its end.
+const BACK_SHARES: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
 /// Heights that the pipette is lifted by when an obstacle is in the way, and how often.
 const LIFTS: usize = 12;
 
@@ -207,7 +209,7 @@ impl Hunt<'_, '_> {
         let pose = self.live.pose()?;
         let rig = self.live.rig();
         let tip = self.arm.tip(pose.joints(self.number)).coordinates + Vector3::z() * lift_um;
-        let wanted = view.chain.position_showing(Point::from(tip + offset), view.middle);
+        let base = view.chain.position_showing(Point::from(tip), view.middle);
         let now = pose.microscope(rig);
         let mut scope: Targets = Vec::new();
         let mut rest = Vector3::zeros();
@@ -215,13 +217,16 @@ impl Hunt<'_, '_> {
             let name = AxisName { device: Device::Scope, coordinate };
             let k = coordinate.index();
             if moves_sample(rig, name) || !self.live.guard.has(name) {
-                rest[k] = wanted[k] - now[k];
+                rest[k] = base[k] + offset[k] - now[k];
                 continue;
             }
             let settings = self.live.guard.stage().settings(name)?;
             let (low, high) = (settings.low.micrometres().0, settings.high.micrometres().0);
-            let to = wanted[k].clamp(low, high);
-            rest[k] = wanted[k] - to;
+            // The likeliest place is kept so far from the ends of the axis that the search has room.
+            let room = (SIGMAS * self.error[k]).min((high - low) / 2.0);
+            let wanted = base[k].clamp(low + room, high - room) + offset[k];
+            let to = wanted.clamp(low, high);
+            rest[k] = base[k] + offset[k] - to;
             scope.push((name, Micrometres(to)));
         }
         let joints = self.arm.joints_for(Point::from(tip - rest)).coordinates;
@@ -283,13 +288,7 @@ impl Hunt<'_, '_> {
         self.go(view, Vector3::zeros(), 0.0)?;
         let reach = (SIGMAS * self.error.z).max(4.0 * view.depth_um);
         let seen = if last {
-            self.live.focus_on(self.finder, &subject, None, reach).or_else(|error| {
-                // Too blurred for the detector: focus on where the jog saw it.
-                if !error.is_local() {
-                    return Err(error);
-                }
-                self.live.focus_on(self.finder, &subject, Some(view.middle), reach)
-            })?
+            self.in_focus(view, &subject, reach)?
         } else {
             self.focus(view.middle, reach)?;
             let window = self.live.window();
@@ -310,6 +309,24 @@ impl Hunt<'_, '_> {
         }
         self.assume();
         Ok(seen)
+    }
+
+    /// Focuses on the tip itself. What a jog shows ends up to a blur's radius beyond a tip far out of focus, where there is nothing to focus on:
+    /// then farther back along the pipette, from where the tip is found.
+    fn in_focus(&mut self, view: &View, subject: &Subject, reach: f64) -> Result<Seen, ProcedureError> {
+        let position = self.live.microscope()?;
+        let tip = view.chain.pixel_to_ref(position, view.middle);
+        let direction = self.arm.direction().ok_or(ChainError::NoPipette(self.number))?;
+        let mut why = None;
+        for share in BACK_SHARES {
+            let back = view.chain.ref_to_pixel(position, tip + (-share * view.side_um) * direction).0;
+            match self.live.focus_on(self.finder, subject, Some(back), reach) {
+                Ok(seen) => return Ok(seen),
+                Err(error) if error.is_local() => why = Some(error),
+                Err(error) => return Err(error),
+            }
+        }
+        Err(why.unwrap_or(ProcedureError::NotFound(NotFound::Unseen(subject.clone()))))
     }
 
     /// Focuses on the middle; where the microscope's range ends before the focus does, the pipette comes towards it, from below first.

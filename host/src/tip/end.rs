@@ -18,12 +18,8 @@ pub fn settled(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
     let first = end(levels, cone, noise)?;
     let (sin, cos) = cone.angle.sin_cos();
     let opening = cone.ln_opening.exp().min(LARGEST_PX);
-    let moved = Cone {
-        x: cone.x + first.beyond * cos,
-        y: cone.y + first.beyond * sin,
-        ln_opening: opening.ln(),
-        ..*cone
-    };
+    let moved =
+        Cone { x: cone.x + first.beyond * cos, y: cone.y + first.beyond * sin, ln_opening: opening.ln(), ..*cone };
     // A second look that ends elsewhere has followed something else: the seam in front, or dirt.
     let second = end(levels, &moved, noise).filter(|end| end.beyond.abs() <= opening);
     let further = second.map_or(0.0, |end| end.beyond);

@@ -1,6 +1,6 @@
 //! Pipettes that may be there, and how sure each is.
 
-use super::fit::{self, Fit, Seam, Patch, Prior};
+use super::fit::{self, Fit, Patch, Prior, Seam};
 use super::model::Cone;
 use super::pyramid::Level;
 use super::search::Candidate;
@@ -23,8 +23,7 @@ const EVIDENCE: usize = 11;
 const CAREFUL: f64 = 1.8;
 
 /// Logistic weights from random scenes with and without pipettes.
-pub const COARSE: Weights =
-    ([-0.866, -3.956, -4.135, 0.916, 1.214, 4.038, 1.275, 0.474, -1.330, 0.252, 0.111], 1.494);
+pub const COARSE: Weights = ([-0.866, -3.956, -4.135, 0.916, 1.214, 4.038, 1.275, 0.474, -1.330, 0.252, 0.111], 1.494);
 pub const FINE: Weights =
     ([-0.685, -2.649, -4.751, 1.968, 0.626, 4.874, 1.046, 0.485, -1.743, 0.701, -0.152], -2.856 - CAREFUL);
 

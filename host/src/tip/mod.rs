@@ -81,25 +81,30 @@ const CLOSER: usize = 3;
 /// The tip in a picture, or `None` if there is none that the detector is sure of. Works in focus and within 10 µm of it (at
 /// 0.32 µm/px and NA 0.8), for dark and bright pipettes, on 8- and 16-bit pictures.
 pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
-    look(view, expect, 1).pop()
+    look(view, expect, 1, light::noise).pop()
+}
+
+/// As [`detect`], in a picture whose noise is smooth.
+fn detect_smooth(view: &View<'_>, expect: &Expect) -> Option<Tip> {
+    look(view, expect, 1, light::smooth_noise).pop()
 }
 
 /// Every tip in a picture, the surest first.
 pub fn detect_all(view: &View<'_>, expect: &Expect) -> Vec<Tip> {
-    let mut tips = look(view, expect, CLOSER);
+    let mut tips = look(view, expect, CLOSER, light::noise);
     tips.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
     tips
 }
 
 /// The `most` likeliest places of a tip, settled; those that the detector is sure of.
-fn look(view: &View<'_>, expect: &Expect, most: usize) -> Vec<Tip> {
+fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64) -> Vec<Tip> {
     let halvings = expect.halvings();
     let scale = (1 << halvings) as f64;
     let mut levels = pyramid::levels(view, halvings);
     let (width, height) = (view.width() as f64 / scale, view.height() as f64 / scale);
     let Some(coarsest) = levels.last() else { return Vec::new() };
     let light = light::Light::of(coarsest);
-    let noise = light::noise(&levels[0]).max(f64::MIN_POSITIVE);
+    let noise = noise(&levels[0]).max(f64::MIN_POSITIVE);
     for level in &mut levels {
         light.flatten(level);
     }

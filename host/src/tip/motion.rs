@@ -1,9 +1,10 @@
 //! Finds a pipette among cells and debris by its vibration.
 //!
 //! The pipette is moved sideways at a known frequency while the camera runs. Every pixel is correlated with that frequency over
-//! the burst: what stands still cancels, and the pipette's outline remains.
+//! the burst: what stands still cancels, and how the pipette's light changes sideways remains, for all of it swings in one
+//! phase. Summed up along the direction of the motion that gives the pipette alone, as a still picture would show it.
 
-use super::{Expect, Tip, detect};
+use super::{Expect, Tip, detect_smooth};
 use crate::picture::{Picture, PictureError, Pixels, View};
 use std::f64::consts::TAU;
 use thiserror::Error;
@@ -54,12 +55,15 @@ pub enum MotionError {
     Picture(#[from] PictureError),
 }
 
-/// How strongly each pixel swings at `vibration_hz` in frames taken `fps` a second, as a 16-bit picture whose brightest pixel
-/// fills the scale. A Hann window over the burst keeps neighbouring frequencies and slow drift out.
-///
-/// # Errors
-/// [`MotionError`]: too few frames, a frequency that the frames cannot show, or frames of different size.
-pub fn vibration(frames: &[View<'_>], fps: f64, vibration_hz: f64) -> Result<Picture, MotionError> {
+/// What a burst shows of one frequency.
+struct Swing {
+    width: usize,
+    height: usize,
+    real: Vec<f32>,
+    imaginary: Vec<f32>,
+}
+
+fn swing(frames: &[View<'_>], fps: f64, vibration_hz: f64) -> Result<Swing, MotionError> {
     if !(vibration_hz > 0.0 && vibration_hz < 0.5 * fps) {
         return Err(MotionError::Frequency { vibration_hz, fps });
     }
@@ -83,6 +87,16 @@ pub fn vibration(frames: &[View<'_>], fps: f64, vibration_hz: f64) -> Result<Pic
     for ((frame, c), s) in frames.iter().zip(&cosines).zip(&sines) {
         add(frame, *c as f32, *s as f32, &mut real, &mut imaginary);
     }
+    Ok(Swing { width, height, real, imaginary })
+}
+
+/// How strongly each pixel swings at `vibration_hz` in frames taken `fps` a second, as a 16-bit picture whose brightest pixel
+/// fills the scale. A Hann window over the burst keeps neighbouring frequencies and slow drift out.
+///
+/// # Errors
+/// [`MotionError`]: too few frames, a frequency that the frames cannot show, or frames of different size.
+pub fn vibration(frames: &[View<'_>], fps: f64, vibration_hz: f64) -> Result<Picture, MotionError> {
+    let Swing { width, height, real, imaginary } = swing(frames, fps, vibration_hz)?;
     let swing: Vec<f32> = real.iter().zip(&imaginary).map(|(a, b)| a.hypot(*b)).collect();
     let most = swing.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
     let grey = swing.iter().map(|v| (v / most * f32::from(u16::MAX)) as u16).collect();
@@ -99,7 +113,91 @@ pub fn detect_vibrating(
     vibration_hz: f64,
     expect: &Expect,
 ) -> Result<Option<Tip>, MotionError> {
-    Ok(detect(&vibration(frames, fps, vibration_hz)?.view(), expect))
+    Ok(detect_smooth(&alone(swing(frames, fps, vibration_hz)?)?.view(), expect))
+}
+
+/// Pixels that a swing is summed up over on either side of a place, until it fades out.
+const REACH_PX: f64 = 160.0;
+
+/// Half of the pixels along the pipette that are averaged first: streaks of noise are narrow, a pipette is long.
+const LENGTH_PX: isize = 6;
+
+/// The pipette as a still picture without anything else would show it.
+fn alone(swing: Swing) -> Result<Picture, MotionError> {
+    let Swing { width, height, real, imaginary } = swing;
+    // All of a pipette swings in one phase, or against it: the phase that holds most of the power.
+    let power = |f: fn(f32, f32) -> f32| real.iter().zip(&imaginary).map(|(a, b)| f64::from(f(*a, *b))).sum::<f64>();
+    let phase = 0.5 * (2.0 * power(|a, b| a * b)).atan2(power(|a, b| a * a - b * b));
+    let (sin, cos) = (phase.sin() as f32, phase.cos() as f32);
+    let sideways: Vec<f32> = real.iter().zip(&imaginary).map(|(a, b)| a * cos + b * sin).collect();
+    let across = direction(&sideways, width, height);
+    let (dx, dy) = (across.cos(), across.sin());
+    let sideways = along(&sideways, width, height, across + TAU / 4.0);
+    let steps = REACH_PX as usize;
+    let fade: Vec<f32> = (1..=steps).map(|k| (0.5 + 0.5 * (k as f64 / REACH_PX * TAU / 2.0).cos()) as f32).collect();
+    let ways: Vec<(isize, isize)> =
+        (1..=steps).map(|k| ((k as f64 * dx).round() as isize, (k as f64 * dy).round() as isize)).collect();
+    let at = |x: isize, y: isize| {
+        let held = x >= 0 && y >= 0 && (x as usize) < width && (y as usize) < height;
+        if held { sideways[y as usize * width + x as usize] } else { 0.0 }
+    };
+    let mut light = Vec::with_capacity(width * height);
+    for y in 0..height as isize {
+        for x in 0..width as isize {
+            // From both sides: what is uncertain on one is weighed by the other.
+            let sum: f32 = ways.iter().zip(&fade).map(|((i, j), f)| f * (at(x - i, y - j) - at(x + i, y + j))).sum();
+            light.push(sum);
+        }
+    }
+    let most = light.iter().fold(f32::MIN_POSITIVE, |most, v| most.max(v.abs()));
+    let grey = light.iter().map(|v| (32_768.0 + 32_000.0 * v / most) as u16).collect();
+    Ok(Picture::grey16(width, height, grey)?)
+}
+
+/// Averages along a direction, weighted by a cosine's bell.
+fn along(values: &[f32], width: usize, height: usize, direction: f64) -> Vec<f32> {
+    let (dx, dy) = (direction.cos(), direction.sin());
+    let bell = |k: isize| (0.5 + 0.5 * (k as f64 / (LENGTH_PX + 1) as f64 * TAU / 2.0).cos()) as f32;
+    let total: f32 = (-LENGTH_PX..=LENGTH_PX).map(bell).sum();
+    let ways: Vec<(isize, isize, f32)> = (-LENGTH_PX..=LENGTH_PX)
+        .map(|k| ((k as f64 * dx).round() as isize, (k as f64 * dy).round() as isize, bell(k) / total))
+        .collect();
+    let mut smooth = Vec::with_capacity(values.len());
+    for y in 0..height as isize {
+        for x in 0..width as isize {
+            let sum = ways.iter().map(|(i, j, weight)| {
+                // What lies beyond the edge is as on it.
+                let (u, v) = ((x + i).clamp(0, width as isize - 1), (y + j).clamp(0, height as isize - 1));
+                weight * values[v as usize * width + u as usize]
+            });
+            smooth.push(sum.sum());
+        }
+    }
+    smooth
+}
+
+/// The direction in which a swing changes most, rad: across the pipette. From the swing's own gradients (the structure
+/// tensor), over blocks that are wide enough to be above the noise.
+fn direction(sideways: &[f32], width: usize, height: usize) -> f64 {
+    const BLOCK: usize = 6;
+    let (w, h) = (width / BLOCK, height / BLOCK);
+    let mut blocks = vec![0.0_f64; w * h];
+    for y in 0..h * BLOCK {
+        for x in 0..w * BLOCK {
+            blocks[y / BLOCK * w + x / BLOCK] += f64::from(sideways[y * width + x]);
+        }
+    }
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for y in 1..h.saturating_sub(1) {
+        for x in 1..w.saturating_sub(1) {
+            let i = y * w + x;
+            let (gx, gy) = (blocks[i + 1] - blocks[i - 1], blocks[i + w] - blocks[i - w]);
+            xx += gx * gx;
+            xy += gx * gy;
+            yy += gy * gy;
+        }
+    }
+    0.5 * (2.0 * xy).atan2(xx - yy)
 }
 
 /// A windowed cosine and sine of `frequency` (periods a frame), both blind to a steady value.

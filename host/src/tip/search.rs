@@ -137,10 +137,8 @@ fn hear(ring: &Ring<'_>, x: i32, y: i32, votes: &mut Votes) {
     let (w, h) = (ring.level.width as i32, ring.level.height as i32);
     // With the last direction before the first, and the first after the last.
     let (mut values, mut inside) = ([0.0_f32; AROUND], [1.0_f32; AROUND]);
-    let whole = x >= ring.reach
-        && y >= ring.reach
-        && (x + ring.reach) >> ring.shift < w
-        && (y + ring.reach) >> ring.shift < h;
+    let whole =
+        x >= ring.reach && y >= ring.reach && (x + ring.reach) >> ring.shift < w && (y + ring.reach) >> ring.shift < h;
     let all = &ring.level.values[..];
     let mut n = DIRECTIONS as f32;
     if whole {

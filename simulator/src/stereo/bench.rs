@@ -61,7 +61,8 @@ pub fn places(seed: u64) -> Vec<Pose> {
     let mut around = |mm: f64| mm * (2.0 * random.random::<f64>() - 1.0);
     let mut place = |x: f64, y: f64, z: f64| {
         let from = [x + around(15.0), y + around(15.0), z + around(15.0)];
-        looking(from, [0.0, -15.0, -15.0])
+        // The left camera looks to the left of the middle, so that the right one sees as much on its own left.
+        looking(from, [-25.0, -15.0, -15.0])
     };
     vec![place(-110.0, 110.0, -255.0), place(90.0, 140.0, -250.0)]
 }

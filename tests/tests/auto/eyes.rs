@@ -43,7 +43,13 @@ pub struct TruthEyes {
 
 impl TruthEyes {
     pub fn new(world: &World, seed: u64, wrongs: &Wrongs) -> Self {
-        Self { world: world.clone(), noise: Noise::new(seed ^ 0xe7e5), wrongs: wrongs.clone(), frames: 0, lowest_um: f64::MAX }
+        Self {
+            world: world.clone(),
+            noise: Noise::new(seed ^ 0xe7e5),
+            wrongs: wrongs.clone(),
+            frames: 0,
+            lowest_um: f64::MAX,
+        }
     }
 }
 
@@ -172,6 +178,7 @@ pub fn run(world: &World, rig: &mut Rig, seed: u64, wrongs: &Wrongs, plan: &Plan
         saves += 1;
         Ok(())
     });
+    stage.close();
     let (frames, lowest_um) = (eyes.frames, eyes.lowest_um);
     Ran { result, frames, said, saves, lowest_um }
 }

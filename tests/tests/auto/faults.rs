@@ -66,7 +66,7 @@ fn a_stop_on_request_keeps_what_was_recorded() {
     let mut rig = rig_file();
     let folder = tempfile::tempdir().unwrap();
     let plan = Plan { folder: Some(folder.path().into()), ..Plan::new(vec![m1()], 6) };
-    let wrongs = Wrongs { stop_after: Some(400), ..Wrongs::default() };
+    let wrongs = Wrongs { stop_after: Some(160), ..Wrongs::default() };
     let error = run(&world, &mut rig, 6, &wrongs, &plan).result.unwrap_err();
     assert!(error.to_string().contains("stopped on request"), "{error}");
     let before = rows(folder.path(), "camera.csv") + rows(folder.path(), "m1.csv");
@@ -95,9 +95,10 @@ fn refused_focus_and_a_manipulator_at_its_limit_cost_samples_only() {
 fn no_tip_is_ever_driven_below_the_floor() {
     let world = World::new(faulty(8));
     let mut rig = rig_file();
-    // The tips of the two start at 0 and 6 µm.
-    rig.contents_mut().obstacles.push(Obstacle::Floor { name: "dish".into(), z_um: -12.0 });
-    let ran = run(&world, &mut rig, 8, &Wrongs { astray: 0.1, ..Wrongs::default() }, &Plan::new(both(), 8));
+    // The tips of the two start at 0 and 6 µm; places reach 60 µm below them.
+    rig.contents_mut().obstacles.push(Obstacle::Floor { name: "dish".into(), z_um: -40.0 });
+    let plan = Plan { depth_um: 120.0, ..Plan::new(both(), 8) };
+    let ran = run(&world, &mut rig, 8, &Wrongs { astray: 0.1, ..Wrongs::default() }, &plan);
     assert!(ran.result.as_ref().is_ok_and(|done| done.missing.is_empty()), "{:?} {:?}", ran.result, ran.said);
-    assert!(ran.lowest_um > -12.0 && ran.lowest_um < -1.0, "{}", ran.lowest_um);
+    assert!(ran.lowest_um > -40.0 && ran.lowest_um < -10.0, "{}", ran.lowest_um);
 }

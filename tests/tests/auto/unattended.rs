@@ -26,6 +26,7 @@ fn farthest_off(world: &World, rig: &Rig, seed: u64) -> f64 {
             worst = worst.max((x - sx).hypot(y - sy));
         }
     }
+    stage.close();
     worst
 }
 

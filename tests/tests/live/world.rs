@@ -16,6 +16,7 @@ use parfocal_simulator::model::RigModel;
 use parfocal_simulator::rig;
 use std::collections::BTreeMap;
 use std::io;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Small noise of its own (splitmix64, sum of uniforms): repeats with its seed.
@@ -62,9 +63,12 @@ impl World {
 
     pub fn stage(&self) -> Stage {
         let boards = self.lock().boards();
+        // A program that is begun again is another session.
+        static SESSIONS: AtomicU32 = AtomicU32::new(77);
+        let session = Session(SESSIONS.fetch_add(1, Ordering::Relaxed));
         let link = |board| {
             let transport = Box::new(Cable { world: self.clone(), board });
-            Link::open(transport, Session(77), Role::Control, LinkOptions::default()).unwrap()
+            Link::open(transport, session, Role::Control, LinkOptions::default()).unwrap()
         };
         let mut axes = BTreeMap::new();
         for board in 0..boards {

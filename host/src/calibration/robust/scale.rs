@@ -81,7 +81,8 @@ pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, Solv
         }
         let (free, rest) = (free as f64, (D * (n - k)) as f64);
         let near = (chosen.iter().map(|&i| r2(i)).sum::<f64>() / free).max((floor * floor).max(f64::MIN_POSITIVE));
-        let out: f64 = sorted[k..].iter().map(|(r2, _)| r2).sum();
+        // Not in units of noise: beside a small set every point is far off by that.
+        let out: f64 = (0..n).filter(|i| chosen.binary_search(i).is_err()).map(r2).sum();
         let far = if k == n { 1.0 } else { (out / rest).max(near) };
         let choices = log_binomial(n, k) + log_binomial(k, m) + entropy(k, n);
         let unlikely = 0.5 * (free * near.ln() + rest * far.ln() + search.surprise(&fit, near.sqrt())) + choices;

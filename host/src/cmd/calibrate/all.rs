@@ -36,13 +36,19 @@ impl All {
     /// # Errors
     /// What stopped it; what is calibrated already is in the rig's file, and every sample in the folder.
     pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
-        let path = connection.rig.clone().context("give --rig FILE, where the calibration is kept: 'parfocal setup' writes one")?;
+        let path = connection
+            .rig
+            .clone()
+            .context("give --rig FILE, where the calibration is kept: 'parfocal setup' writes one")?;
         let mut rig = Rig::load(&path).with_context(|| path.display().to_string())?;
         let seed = connection.seed;
         let folder = self.record.clone().unwrap_or_else(|| path.with_file_name("calibration"));
         let manipulators = if self.manipulator.is_empty() { of_rig(&rig) } else { self.manipulator.clone() };
         if manipulators.is_empty() {
-            bail!("{}: has no manipulator in [axes]; 'parfocal calibrate camera' calibrates the camera alone", path.display());
+            bail!(
+                "{}: has no manipulator in [axes]; 'parfocal calibrate camera' calibrates the camera alone",
+                path.display()
+            );
         }
         let plan = Plan {
             error_um: self.error_um,
@@ -66,7 +72,8 @@ impl All {
             path.display(),
             folder.display()
         );
-        let missing: Vec<_> = missing.iter().map(|(n, why)| json!({ "manipulator": n, "why": why.to_string() })).collect();
+        let missing: Vec<_> =
+            missing.iter().map(|(n, why)| json!({ "manipulator": n, "why": why.to_string() })).collect();
         out.result(&text, &json!({ "done": done, "missing": missing, "minutes": minutes, "samples": folder }))?;
         if !lost.is_empty() {
             bail!("{}; {samples}", lost.join("; "));

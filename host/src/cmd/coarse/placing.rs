@@ -1,7 +1,7 @@
 //! Markers placed relative to the substrate's, from pictures or from another tracker's poses.
 
 use super::super::Output;
-use super::{Arguments, force, pairs};
+use super::{Arguments, cameras, force, pairs};
 use anyhow::{Context, bail};
 use parfocal::calibration::coarse::poses::{self, Tracker};
 use parfocal::calibration::coarse::{Degrees, MarkerId, Millimetres, Registration, Settings, graph, register};
@@ -38,6 +38,9 @@ pub(super) fn from_pairs(arguments: &Arguments, rig: Option<&Rig>, folder: &Path
 
 pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
     let mut rig = arguments.load_rig()?;
+    if let ([left, right], Some(folder)) = (&arguments.cameras[..], &arguments.pairs) {
+        cameras::take([left, right], arguments.places, folder)?;
+    }
     let found = match (&arguments.pairs, &arguments.poses) {
         (Some(folder), _) => from_pairs(arguments, rig.as_ref(), folder)?,
         (None, Some(file)) => {
