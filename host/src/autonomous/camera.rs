@@ -280,7 +280,7 @@ impl Run<'_, '_> {
         let margin = MARGIN_SHARE * window.side_px();
         let choice: Vec<Pixel> = (0..CHOICE).map(|_| draws.one().pixel(&window, margin)).collect();
         let centred: Vec<_> = choice.iter().map(|p| self.centred(*p)).collect();
-        let weak = self.fit.as_ref().filter(|_| self.place.samples.len() % 2 == 0);
+        let weak = self.fit.as_ref().filter(|_| self.place.samples.len().is_multiple_of(2));
         let pixel = choice[weak.and_then(|fit| weakest(&fit.solution, &centred)).unwrap_or(0)];
         let map = self.map().ok_or_else(|| crate::procedure::ProcedureError::Implausible {
             what: "scope.x and scope.y move the tip the same way in the picture: do both axes move?".into(),

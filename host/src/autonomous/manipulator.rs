@@ -283,7 +283,7 @@ impl Run<'_, '_> {
             })
             .collect();
         let joints: Vec<_> = choice.iter().map(|(_, place)| arm.joints_for(*place).coordinates).collect();
-        let weak = self.fit.as_ref().filter(|_| self.samples.len() % 2 == 0);
+        let weak = self.fit.as_ref().filter(|_| self.samples.len().is_multiple_of(2));
         let first = weak.and_then(|fit| weakest(&fit.solution, &joints)).unwrap_or(0);
         let mut order: Vec<usize> = std::iter::once(first).chain((0..CHOICE).filter(|k| *k != first)).collect();
         if let (None, Some(fit)) = (&self.fit, self.so_far()) {

@@ -233,7 +233,6 @@ mod tests {
             for _ in 0..3 {
                 writer.write_frame(&y4m::Frame::new([&luma, &plane, &plane], None)).unwrap();
             }
-            drop(writer);
             let pictures = all(&bytes).unwrap();
             assert_eq!(pictures, vec![Picture::grey8(5, 3, luma).unwrap(); 3], "{space:?}");
         }

@@ -267,7 +267,7 @@ mod tests {
         assert!(passes(&floor, &way([0.0, 0.0, -5.0], [0.0, 0.0, 50.0]), &sight));
         assert!(!passes(&floor, &way([0.0, 0.0, -5.0], [0.0, 0.0, -6.0]), &sight));
         let around = Way { around_um: 10.0, ..way([0.0, 0.0, 100.0], [0.0, 0.0, 8.0]) };
-        let error = check(&[floor.clone()], None, m1(), &around, &sight).unwrap_err().to_string();
+        let error = check(std::slice::from_ref(&floor), None, m1(), &around, &sight).unwrap_err().to_string();
         assert!(error.contains("within 8.0 µm of obstacle 'dish'") && error.contains("m1"), "{error}");
         // Known to be free now, but nobody knows which way it will go.
         let unknown = Way { around_um: 10.0, ..way([0.0, 0.0, 8.0], [0.0, 0.0, 8.0]) };
