@@ -146,7 +146,7 @@ impl Target {
             } else {
                 0.0
             };
-            let sign = if i % SIDE / 2 % 2 == 0 { 0.5 } else { -0.5 };
+            let sign = if (i % SIDE / 2).is_multiple_of(2) { 0.5 } else { -0.5 };
             (30_000.0 + sign * contrast + noise).round() as u16
         };
         Picture::grey16(SIDE, SIDE, (0..SIDE * SIDE).map(pixel).collect()).expect("a picture")
