@@ -141,12 +141,7 @@ impl<'a> Room<'a> {
         &self,
         name: &str,
         purpose: procedure::Purpose,
-        procedure: &mut dyn FnMut(
-            &mut LiveRig<'_>,
-            &mut dyn PointFinder,
-            &mut Recorder,
-            &Around,
-        ) -> Result<(), ProcedureError>,
+        procedure: &mut Procedure<'_>,
     ) -> anyhow::Result<Recorded> {
         interrupt::watch();
         let rig = self.known()?;
@@ -225,6 +220,10 @@ pub fn camera(
         (None, None) => bail!("a real rig needs a --camera: docs/cameras.md has examples"),
     }
 }
+
+/// A live procedure: it moves the rig, finds its point and records samples.
+pub type Procedure<'a> =
+    dyn FnMut(&mut LiveRig<'_>, &mut dyn PointFinder, &mut Recorder, &Around) -> Result<(), ProcedureError> + 'a;
 
 /// What a procedure may need of the rig besides its axes and its camera.
 pub struct Around {

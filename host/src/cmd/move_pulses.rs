@@ -67,7 +67,7 @@ impl Pulses {
         let forward = to.0 >= from;
         let number = stage.find(axis)?.1;
         if let Some(every) = self.pulse_every_um {
-            if !(every >= 0.001 && every <= 1e6) {
+            if !(0.001..=1e6).contains(&every) {
                 bail!("--pulse-every-um {every}: must lie between 0.001 and 1000000");
             }
             let every = if forward { every } else { -every };

@@ -35,9 +35,9 @@ fn with_manipulator() -> Rig {
     let mut rig = with_camera();
     let model = RigModel::new(0).manipulators[0];
     let mut matrix = [[0.0, 0.0, 0.0, 0.0], [0.0; 4], [0.0; 4], [0.0, 0.0, 0.0, 1.0]];
-    for row in 0..3 {
-        matrix[row][..3].copy_from_slice(&model.joints[row]);
-        matrix[row][3] = model.origin_um[row];
+    for ((row, joints), origin) in matrix.iter_mut().zip(&model.joints).zip(model.origin_um) {
+        row[..3].copy_from_slice(joints);
+        row[3] = origin;
     }
     rig.set_registration(m1(), Registration { model: "affine".into(), matrix, record: record() });
     rig
