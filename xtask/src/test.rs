@@ -38,6 +38,8 @@ impl Arguments {
     /// The first step that failed.
     pub fn run(self) -> anyhow::Result<()> {
         if let Some(package) = &self.package {
+            // Tests of the command run the program itself; with the whole workspace it is built anyway.
+            check(cargo().args(["build", "--quiet", "--package", "parfocal"]))?;
             return tests(&["--package", package]);
         }
         let mut times = Vec::new();
@@ -82,8 +84,6 @@ impl Step {
             }
             Self::Tests => {
                 super::browser::install()?;
-                // Tests of the command run the program itself.
-                check(cargo().args(["build", "--quiet", "--package", "parfocal"]))?;
                 tests(&["--workspace"])
             }
             Self::Docs => {

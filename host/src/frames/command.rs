@@ -253,10 +253,22 @@ mod tests {
         assert!(matches!(next(&mut camera), Err(CameraError::Stalled { millis, .. }) if millis >= 1500));
         let group = camera.child.id();
         drop(camera);
-        let left = Command::new("pgrep").args(["-g", &group.to_string()]).output();
-        if let Ok(left) = left {
-            assert_eq!(String::from_utf8_lossy(&left.stdout), "", "the whole pipeline ends");
+        // Killed, whether whoever inherits them has buried them or not.
+        let lives = |line: &&str| {
+            let mut words = line.split_whitespace();
+            words.next() == Some(&group.to_string()) && words.next().is_some_and(|state| !state.starts_with('Z'))
+        };
+        let living = || {
+            let all = Command::new("ps").args(["-eo", "pgid=,stat=,args="]).output().ok()?;
+            Some(String::from_utf8_lossy(&all.stdout).lines().filter(lives).map(String::from).collect::<Vec<_>>())
+        };
+        for _ in 0..100 {
+            match living() {
+                Some(left) if !left.is_empty() => std::thread::sleep(Duration::from_millis(20)),
+                _ => return,
+            }
         }
+        panic!("the whole pipeline should end: {:?}", living());
     }
 
     #[test]
