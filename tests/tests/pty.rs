@@ -122,6 +122,8 @@ fn a_home_switch_on_the_wrong_side_is_told() {
     let error = said["error"].as_str().unwrap();
     assert!(code == 1 && error.contains("scope.z") && error.contains("the other end's switch was met"), "{said}");
     // A switch that is wired, but reads the wrong way round, is pressed everywhere.
+    let board = Simulated::start();
+    let port = board.ports[0].as_str();
     on(port, &["settings", "set", "scope.z", "home=low", "inverted=false", "switches=pressed-low"]);
     let (code, said) = parfocal_json(&["--port", port, "home", "scope.z"]);
     assert!(code == 1 && said["error"].as_str().unwrap().contains("pressed everywhere"), "{said}");

@@ -60,6 +60,10 @@ impl Motion {
         let busy = board.pulses(|engine| engine.busy(axis));
         let speed = f64::from(self.known(axis).settings.home_speed.0);
         let next = match homing.stage {
+            // At both ends at once: no way leads off them.
+            Stage::Begin | Stage::BackOff if pressed && other => {
+                return self.fail_home(board, axis, HomingFault::Stuck);
+            }
             Stage::Begin if pressed => self.run_home(board, axis, opposite(side), speed, Stage::BackOff),
             Stage::Begin => self.run_home(board, axis, side, speed, Stage::Approach),
             Stage::Approach if pressed => self.halt_home(board, axis, Next::BackOff),

@@ -39,7 +39,7 @@ pub struct Arguments {
     #[arg(long, default_value = "tenengrad")]
     measure: Measure,
     /// The region whose focus matters, px; auto: the sharpest texture where the scan begins; all: the whole frame
-    /// [default: the stack's own, else auto]
+    /// [default: auto; a recorded stack's own, or all of it]
     #[arg(long, value_name = "X,Y,W,H|auto|all")]
     roi: Option<Region>,
     /// How the peak is looked for

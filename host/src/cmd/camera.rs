@@ -181,8 +181,9 @@ impl Recorded {
                 let roi = match region {
                     Some(Region::Drawn(roi)) => Some(roi),
                     Some(Region::All) => None,
-                    None if stack.roi().is_some() => stack.roi(),
-                    None | Some(Region::Sharpest) => sharpest(stack.planes[stack.nearest(begin)].view()),
+                    // What was recorded, somebody chose: its own region, or all of it.
+                    None => stack.roi(),
+                    Some(Region::Sharpest) => sharpest(stack.planes[stack.nearest(begin)].view()),
                 };
                 let step = Some(Micrometres(stack.about.z_step_um));
                 let source = StackSource::new(stack, roi, measure).with_context(|| path.display().to_string())?;

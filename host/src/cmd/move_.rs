@@ -12,7 +12,7 @@ use std::str::FromStr;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// AXIS=UM to a position, AXIS+=UM or AXIS-=UM by a distance
-    #[arg(required = true, value_name = "AXIS=UM", allow_hyphen_values = true)]
+    #[arg(required = true, value_name = "AXIS=UM")]
     targets: Vec<Target>,
     /// Speed along the line, µm/s [default: the fastest that the axes allow]
     #[arg(long, value_name = "UM_PER_S")]

@@ -5,6 +5,7 @@ use super::control::Key;
 use super::front::App;
 use super::jpeg::Levels;
 use super::order::{Focus, Order};
+use super::snapshot;
 use crate::calibration::chain::Pixel;
 use crate::focus::{Measure, measure};
 use crate::link::transport::real_now;
@@ -68,7 +69,7 @@ impl FromRequestParts<App> for Operator {
 }
 
 async fn state(State(app): State<App>) -> Response {
-    let text = app.states.borrow().to_string();
+    let text = snapshot::now(&app.desk).to_string();
     ([(CONTENT_TYPE, "application/json")], text).into_response()
 }
 

@@ -3,6 +3,7 @@
 use super::control::Control;
 use super::feed::Feed;
 use super::line::Watcher;
+use super::snapshot::Reading;
 use super::wizard::Wizard;
 use crate::focus::Measure;
 use crate::link::transport::real_now;
@@ -149,6 +150,7 @@ pub struct Desk {
     messages: Mutex<(u64, VecDeque<Message>)>,
     looking: Mutex<Looking>,
     wizard: Mutex<Wizard>,
+    reading: Mutex<Reading>,
     control: Mutex<Control>,
     link_problem: Mutex<Option<String>>,
     halts: AtomicU64,
@@ -195,6 +197,7 @@ impl Desk {
             messages: Mutex::default(),
             looking: Mutex::default(),
             wizard: Mutex::default(),
+            reading: Mutex::default(),
             control: Mutex::default(),
             link_problem: Mutex::default(),
             halts: AtomicU64::new(0),
@@ -221,6 +224,11 @@ impl Desk {
     /// Who has control.
     pub fn control(&self) -> MutexGuard<'_, Control> {
         lock(&self.control)
+    }
+
+    /// The focus measure of the latest frame.
+    pub fn reading(&self) -> MutexGuard<'_, Reading> {
+        lock(&self.reading)
     }
 
     /// The calibration under way, or waiting to be put in force.

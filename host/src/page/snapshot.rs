@@ -106,7 +106,7 @@ struct Calibrated {
 
 /// The focus measure of the latest frame.
 #[derive(Clone, Copy, Debug, Default)]
-struct Reading {
+pub struct Reading {
     frame: u64,
     value: Option<f64>,
     fault: Option<&'static str>,
@@ -114,12 +114,13 @@ struct Reading {
 
 /// Starts the thread that publishes states. It ends with the desk.
 pub fn publish(desk: Arc<Desk>) -> watch::Receiver<Arc<str>> {
-    let mut reading = Reading::default();
-    let (states, receiver) = watch::channel(text(&state(&desk, reading)));
+    let (states, receiver) = watch::channel(now(&desk));
     std::thread::spawn(move || {
+        let mut reading = Reading::default();
         while !desk.ending() && !states.is_closed() {
             read(&desk, &mut reading);
-            let now = text(&state(&desk, reading));
+            *desk.reading() = reading;
+            let now = now(&desk);
             states.send_if_modified(|before| {
                 let new = **before != *now;
                 if new {
@@ -133,9 +134,11 @@ pub fn publish(desk: Arc<Desk>) -> watch::Receiver<Arc<str>> {
     receiver
 }
 
-fn text(state: &State) -> Arc<str> {
+/// The state at this moment, as JSON: newer than the one that was published last.
+pub fn now(desk: &Desk) -> Arc<str> {
+    let reading = *desk.reading();
     // Plain data: it cannot fail.
-    serde_json::to_string(state).unwrap_or_default().into()
+    serde_json::to_string(&state(desk, reading)).unwrap_or_default().into()
 }
 
 /// Measures the latest frame, unless a scan does.

@@ -44,6 +44,8 @@ pub struct Plan {
 /// A question to the person.
 #[derive(Clone, Debug, Serialize)]
 pub struct Asked {
+    /// Counts the questions of this program: another number is another question.
+    n: u64,
     /// What to click on.
     subject: String,
     /// Where it should be, px of the frame.
@@ -100,6 +102,7 @@ pub struct Wizard {
     found: Option<[f64; 2]>,
     answers: Option<SyncSender<Answer>>,
     proposed: Option<Rig>,
+    questions: u64,
 }
 
 impl Wizard {
@@ -206,7 +209,14 @@ impl Calibration {
         };
         let id = desk.begin(Doing::Calibration, title.clone());
         let shown = Shown { title, of, doing: "The first picture is taken.".into(), ..Shown::default() };
-        let wizard = Wizard { shown: Some(shown), what: Some(plan.what.clone()), seed: plan.seed, ..Wizard::default() };
+        let questions = desk.wizard().questions;
+        let wizard = Wizard {
+            shown: Some(shown),
+            what: Some(plan.what.clone()),
+            seed: plan.seed,
+            questions,
+            ..Wizard::default()
+        };
         *desk.wizard() = wizard;
         Self { id, plan, halts: desk.halts() }
     }
@@ -315,12 +325,15 @@ fn ask(desk: &Desk, clicker: &Clicker, going: &dyn Fn() -> bool) {
     loop {
         match clicker.questions.recv_timeout(Duration::from_millis(50)) {
             Ok(question) => {
+                let mut wizard = desk.wizard();
+                wizard.questions += 1;
                 let asked = Asked {
+                    n: wizard.questions,
                     subject: question.hint.subject.to_string(),
                     expected: question.hint.expected.map(|at| [at.x_px, at.y_px]),
                     within_px: question.hint.within_px,
                 };
-                if let Some(shown) = &mut desk.wizard().shown {
+                if let Some(shown) = &mut wizard.shown {
                     shown.asked = Some(asked);
                 }
             }

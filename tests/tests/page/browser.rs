@@ -127,10 +127,8 @@ fn click_through(served: &Served, browser: &Browser) -> Value {
         browser.click_at(on_screen(browser, x, y));
         clicks += 1;
         // The click is taken once the question is gone or another one.
-        let samples = state["calibration"]["samples"].as_array().unwrap().len();
-        served.until("the click is taken", 30, |s| {
-            s["calibration"]["asked"].is_null() || s["calibration"]["samples"].as_array().unwrap().len() > samples
-        });
+        let question = &state["calibration"]["asked"]["n"];
+        served.until("the click is taken", 30, |s| s["calibration"]["asked"]["n"] != *question);
         if clicks == 5 {
             browser.screenshot("clicking");
         }
