@@ -87,7 +87,7 @@ fn refusals_name_the_axis_the_field_and_its_range() {
         (&["vibrate", "scope.z", "--amplitude-um", "0"], &["scope.z", "amplitude (µm) must lie between"]),
         (&["vibrate", "scope.z", "--frequency-hz", "1e6"], &["frequency (Hz) must lie between"]),
         (&["vibrate", "scope.z", "--cycles", "0"], &["cycles must lie between"]),
-        (&["vibrate", "scope.z", "--amplitude-um", "500"], &["may only go from -200 to 200"]),
+        (&["vibrate", "scope.z", "--amplitude-um", "500"], &["amplitude (µm) must lie between"]),
         (&["home", "m7.x"], &["this rig has no axis m7.x"]),
         (&["jog", "scope.x=10", "--for-s=-1"], &["--for-s", "between 0 and"]),
         (&["declare", "scope.z=1e12"], &["scope.z", "no position"]),
