@@ -55,7 +55,7 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 15] = [
+const EVERY_TIME: [&str; 16] = [
     "serial",
     "usb",
     "edges",
@@ -70,6 +70,7 @@ const EVERY_TIME: [&str; 15] = [
     "host-lost",
     "dfu",
     "power-cycle",
+    "watchdog",
     "emergency",
 ];
 
