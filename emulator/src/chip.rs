@@ -96,6 +96,9 @@ pub struct Chip {
     models: Vec<Option<Box<dyn ErasedDevice + Send>>>,
     ports: Vec<(usize, Gpio)>,
     rcc: (usize, Rcc),
+    world: World,
+    /// What was last put on pins from outside: a reset does not change it.
+    driven: Vec<((char, u8), Option<Level>)>,
 }
 
 impl std::fmt::Debug for Chip {
@@ -171,44 +174,51 @@ impl Chip {
     /// A chip fresh out of reset on a NUCLEO-F429ZI: 8 MHz at HSE, 3.3 V.
     pub fn new(world: &World) -> Self {
         let bus = bus();
-        let mut clocks = Rcc::new();
-        clocks.attach_crystals(8_000_000, 0);
         let slot = |name| bus.slot_of(name).expect("the bus has it");
         let ports = PORTS.map(|p| (slot(p), Gpio::default())).into();
-        let rcc = (slot("RCC"), clocks);
+        let rcc = (slot("RCC"), Rcc::new());
         let models = (0..bus.slots().len()).map(|_| None).collect();
-        let mut chip = Self { bus, models, ports, rcc };
+        let mut chip = Self { bus, models, ports, rcc, world: world.clone(), driven: Vec::new() };
+        chip.fresh();
+        chip.put("RNG", Random::new(0x1eaf));
+        chip.put("OTG_FS", Otg::new(world.usb.clone()));
+        chip
+    }
 
+    /// Puts a new model wherever rigless has one: most of its models of this part know no other way back to their reset state.
+    fn fresh(&mut self) {
+        self.rcc.1 = Rcc::new();
+        self.rcc.1.attach_crystals(8_000_000, 0);
+        self.ports.iter_mut().for_each(|(_, port)| *port = Gpio::default());
+
+        let world = self.world.clone();
         let hsi = rcc::HSI_HZ;
         let supply = NonZeroU32::new(3300).expect("not zero");
         let mut flash = Flash::with_clock(hsi);
         flash.set_supply(supply);
         let mut usart = Usart::with_clock(Kind::Usart, hsi);
         usart.attach(FarEnd(world.serial.clone()));
-        chip.put("PWR", Pwr::new());
-        chip.put("DBG", Dbg);
-        chip.put("FLASH", Array::new(flash, world.flash.clone()));
-        chip.put("DWT", Dwt::with_clock(hsi));
-        chip.put("IWDG", Iwdg::new());
-        chip.put("RNG", Random::new(0x1eaf));
-        chip.put("USART3", usart);
-        chip.put("OTG_FS", Otg::new(world.usb.clone()));
-        chip.put("DMA1", Dma::new(&DMA1_REQUESTS, &[], false));
-        chip.put("DMA2", Dma::new(&DMA2_REQUESTS, &[], true));
-        chip.put("TIM8", Tim::<Advanced>::with_clock(hsi, Counter::Narrow));
+        self.put("PWR", Pwr::new());
+        self.put("DBG", Dbg);
+        self.put("FLASH", Array::new(flash, world.flash.clone()));
+        self.put("DWT", Dwt::with_clock(hsi));
+        self.put("IWDG", Iwdg::new());
+        self.put("USART3", usart);
+        self.put("DMA1", Dma::new(&DMA1_REQUESTS, &[], false));
+        self.put("DMA2", Dma::new(&DMA2_REQUESTS, &[], true));
+        self.put("TIM8", Tim::<Advanced>::with_clock(hsi, Counter::Narrow));
         // TIM5's internal triggers 0 to 2 (RM0090 table 97).
         let camera = Tim::<General>::with_clock(hsi, Counter::Wide);
-        chip.put("TIM5", Recorded::new(camera, world.camera.clone()).hearing(&["TIM2", "TIM3", "TIM4"]));
+        self.put("TIM5", Recorded::new(camera, world.camera.clone()).hearing(&["TIM2", "TIM3", "TIM4"]));
         for (axis, trace) in AXES.into_iter().zip(&world.axes) {
             match axis {
                 "TIM1" => {
-                    chip.put(axis, Recorded::new(Tim::<Advanced>::with_clock(hsi, Counter::Narrow), trace.clone()));
+                    self.put(axis, Recorded::new(Tim::<Advanced>::with_clock(hsi, Counter::Narrow), trace.clone()));
                 }
-                "TIM2" => chip.put(axis, Recorded::new(Tim::<General>::with_clock(hsi, Counter::Wide), trace.clone())),
-                _ => chip.put(axis, Recorded::new(Tim::<General>::with_clock(hsi, Counter::Narrow), trace.clone())),
+                "TIM2" => self.put(axis, Recorded::new(Tim::<General>::with_clock(hsi, Counter::Wide), trace.clone())),
+                _ => self.put(axis, Recorded::new(Tim::<General>::with_clock(hsi, Counter::Narrow), trace.clone())),
             }
         }
-        chip
     }
 
     fn put(&mut self, name: &'static str, model: impl ErasedDevice + Send + 'static) {
@@ -218,6 +228,12 @@ impl Chip {
 
     /// Puts a level on a pin from outside, or lets go of it.
     pub fn drive(&mut self, at: VirtualNanos, port: char, pin: u8, level: Option<Level>) {
+        self.driven.retain(|(other, _)| *other != (port, pin));
+        self.driven.push(((port, pin), level));
+        self.put_on_pin(at, port, pin, level);
+    }
+
+    fn put_on_pin(&mut self, at: VirtualNanos, port: char, pin: u8, level: Option<Level>) {
         let index = (port as usize).wrapping_sub('A' as usize);
         let Some((slot, gpio)) = self.ports.get_mut(index) else { panic!("no port {port}") };
         let pin = Pin::new(pin).expect("a port has 16 pins");
@@ -242,17 +258,26 @@ impl Mcu for Chip {
         &mut self.bus
     }
 
-    /// A system reset: everything as out of power-on but the reset flags and the debug component (RM0090 section 6.1.1).
-    fn reset(&mut self, _: VirtualNanos, cause: ResetCause) {
+    /// A system reset: everything as out of power-on but the reset flags and the debug component (RM0090 section 6.1.1). RAM and
+    /// flash stay as they are.
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         let flags = self.bus.slots()[self.rcc.0].registers().get(rcc_registers::Register::Csr);
         let debug = self.bus.slot_of("DBG").expect("the bus has it");
         let kept = [dbg::Register::DbgmcuCr, dbg::Register::DbgmcuApb1Fz, dbg::Register::DbgmcuApb2Fz]
             .map(|r| (r, self.bus.slots()[debug].registers().get(r)));
+        let world = self.world.clone();
+        for trace in world.axes.iter().chain([&world.camera]) {
+            trace.lock().expect("one thread at a time").restarted(at);
+        }
         self.reset_every_model();
+        self.fresh();
         let registers = self.bus.slot_mut(self.rcc.0).registers_mut();
         self.rcc.1.restarted(cause, flags, registers);
         for (register, value) in kept {
             self.bus.slot_mut(debug).registers_mut().set(register, value);
+        }
+        for ((port, pin), level) in self.driven.clone() {
+            self.put_on_pin(at, port, pin, level);
         }
     }
 

@@ -11,7 +11,7 @@ use rigless::emulator::{self, Driver, Host as CoreHost, Settled, Start, Stop, Wa
 use rigless::image::Image;
 use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::Mcu;
-use rigless::session::Session;
+use rigless::session::{Reset, Session};
 use rigless::snapshot::Store;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
@@ -97,7 +97,7 @@ enum Order {
 
 /// What it answers.
 enum Answer {
-    At { nanos: u64, instructions: u64, resets: usize },
+    At { nanos: u64, instructions: u64, resets: Vec<Reset> },
     Level(bool),
 }
 
@@ -126,7 +126,7 @@ pub struct Report {
     /// Passages at watched places.
     pub hits: Vec<Hit>,
     /// Resets after the first start.
-    pub resets: usize,
+    pub resets: Vec<Reset>,
 }
 
 impl Report {
@@ -154,7 +154,7 @@ pub struct Machine {
     thread: JoinHandle<anyhow::Result<Report>>,
     nanos: u64,
     instructions: u64,
-    resets: usize,
+    resets: Vec<Reset>,
 }
 
 impl Machine {
@@ -203,10 +203,10 @@ impl Machine {
                     .collect(),
                 told: session.told().map(|t| format!("{}.{}: {}", t.instance, t.register, t.reason)).collect(),
                 hits: finished.driver.hits,
-                resets: session.resets().len(),
+                resets: session.resets().to_vec(),
             })
         });
-        let mut machine = Self { world, program, orders, answers, thread, nanos: 0, instructions: 0, resets: 0 };
+        let mut machine = Self { world, program, orders, answers, thread, nanos: 0, instructions: 0, resets: Vec::new() };
         machine.wait()?;
         Ok(machine)
     }
@@ -262,9 +262,9 @@ impl Machine {
         }
     }
 
-    /// Resets since power-on.
-    pub fn resets(&self) -> usize {
-        self.resets
+    /// Resets since power-on: when, and who asked for them.
+    pub fn resets(&self) -> &[Reset] {
+        &self.resets
     }
 
     /// Holds the core, or lets it go, while everything else goes on: as if it had masked its interrupts and spun.
@@ -307,7 +307,7 @@ impl Driver<Nucleo> for Runner {
     }
 
     fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, core: &mut dyn CoreHost) -> Option<VirtualNanos> {
-        let resets = session.resets().len();
+        let resets = session.resets().to_vec();
         let at = Answer::At { nanos: stop.at.0, instructions: stop.instruction_count, resets };
         self.outbox.send(at).ok()?;
         // No order means that nobody wants the board any more.

@@ -27,6 +27,8 @@ pub struct Trace {
     pub dir: Vec<Edge>,
     /// Updates of the timer, each the begin of a record.
     pub updates: Vec<u64>,
+    /// How many of `step` had come when the board was last reset: its outputs let go, which ends a pulse, counted in.
+    pub until_reset: Option<usize>,
     from: u64,
     levels: [bool; 2],
 }
@@ -54,8 +56,20 @@ impl Trace {
         })
     }
 
+    /// The board is reset: its pins are let go (RM0090 section 8.3.1), and what was high falls.
+    pub fn restarted(&mut self, at: VirtualNanos) {
+        let tick = self.tick(at);
+        for (high, edges) in self.levels.iter_mut().zip([&mut self.step, &mut self.dir]) {
+            if std::mem::take(high) {
+                edges.push(Edge { tick, high: false });
+            }
+        }
+        self.until_reset = Some(self.step.len());
+    }
+
     /// Forgets all edges: what follows is another experiment.
     pub fn clear_edges(&mut self) {
+        self.until_reset = None;
         self.step.clear();
         self.dir.clear();
         self.updates.clear();
@@ -165,8 +179,6 @@ where
     }
     fn reset(&mut self) {
         ErasedDevice::reset(&mut self.timer);
-        let mut trace = self.trace.lock().expect("one thread at a time");
-        trace.levels = [false; 2];
     }
     fn reset_line(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         ErasedDevice::reset_line(&mut self.timer, registers, context);

@@ -134,6 +134,26 @@ fn begin(board: &mut Mock, motion: &mut Motion) {
     motion.move_to(board.now(), board, &to, None, Ending::Approach).unwrap();
 }
 
+/// All timers run dry together: the one that moved is told, not one that stood.
+#[test]
+fn a_long_stall_is_told_of_the_axis_that_moved() {
+    for moved in 0..4u8 {
+        let (mut board, mut motion) = ready(Edges::Rising);
+        let mut to = [None; 4];
+        to[usize::from(moved)] = Some(Nanometres(300_000));
+        motion.move_to(board.now(), &mut board, &to, None, Ending::Approach).unwrap();
+        board.run(&mut motion, 60, |_| false);
+        board.bench.pass(840_000);
+        board.bench.run(1_000_000);
+        let events = board.run(&mut motion, 100, |_| false);
+        let told = StopCause::Underrun { axis: Axis(moved) };
+        assert!(
+            matches!(events[..], [MotionEvent::Stopped { cause, .. }] if cause == told),
+            "axis {moved} moved: {events:?}"
+        );
+    }
+}
+
 #[test]
 fn a_long_stall_ends_in_a_flagged_stop() {
     for (at, edges) in [(20, Edges::Rising), (60, Edges::Both), (90, Edges::Both), (100, Edges::Rising)] {

@@ -57,7 +57,7 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 15] = [
+const EVERY_TIME: [&str; 16] = [
     "serial",
     "usb",
     "edges",
@@ -72,6 +72,7 @@ const EVERY_TIME: [&str; 15] = [
     "host-lost",
     "dfu",
     "power-cycle",
+    "watchdog",
     "emergency",
 ];
 

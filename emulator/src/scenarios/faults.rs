@@ -159,9 +159,9 @@ pub fn host_lost(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     ))
 }
 
-/// A part of the program hangs and no longer checks in: the watchdog restarts the board in mid-move, no step comes after, the next
+/// A part of the program hangs and no longer checks in: the watchdog restarts the board in mid-move, no edge comes after, the next
 /// hello says why, the place is not trusted, and settings survive. Then the whole core stands still for 12 ms in mid-move: pulses
-/// end by themselves, the motion is stopped and told.
+/// end by themselves, the motion is stopped and told. Then it stands still for good: the watchdog restarts that one too.
 ///
 /// # Errors
 /// When it does not.
@@ -175,37 +175,72 @@ pub fn watchdog(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     board.run_for(ms(60))?;
     // Wiping out what the parts have said is as good as the silence of one.
     let checked_in = board.program.address("parfocal_firmware::board::watchdog::SEEN")?;
-    let begin = board.now();
-    let mut moving = edges(&board);
-    let mut bitten = Duration::ZERO;
-    while board.resets() == 0 {
+    let (begin, before) = (board.now(), edges(&board));
+    while board.resets().is_empty() {
         ensure!(board.now() < begin + ms(50), "the watchdog has not bitten within 50 ms");
         board.poke(checked_in, 0);
         board.run_for(ms(1))?;
-        bitten = board.now() - begin;
-        moving = edges(&board);
     }
+    let moved = board.world.axes[0].lock().expect("turns").until_reset.map_or(0, |n| n.saturating_sub(before));
+    ensure!(moved > 20, "it was not moving when the watchdog bit: {moved} edges while a part was silent");
+    let bitten = bitten(&mut board, 1)? - begin;
+    let mut talk = told_by_the_watchdog(&mut board, kept)?;
+    let silent = stands_still(&mut board, &mut talk)?;
+
+    board.world.axes.iter().for_each(|axis| axis.lock().expect("turns").clear_edges());
+    go(&mut board, &mut talk, 900)?;
+    board.run_for(ms(60))?;
+    let begin = board.now();
+    board.hold(true);
+    while board.resets().len() == 1 {
+        ensure!(board.now() < begin + ms(50), "the watchdog has not restarted a core that stands still within 50 ms");
+        board.run_for(ms(1))?;
+    }
+    board.hold(false);
+    let stood = self::bitten(&mut board, 2)? - begin;
+    told_by_the_watchdog(&mut board, kept)?;
+
+    let report = board.stop()?;
+    ensure!(report.resets.len() == 2, "it was reset {} times", report.resets.len());
+    report.clean()?;
+    Ok(format!(
+        "restarted {:.0} ms after a part fell silent and {:.0} ms after the core stood still for good, told, settings kept; \
+         last edge {silent:.2} ms after the core stood still",
+        bitten.as_secs_f64() * 1e3,
+        stood.as_secs_f64() * 1e3
+    ))
+}
+
+/// After the watchdog's `n`th bite: it bit once, outputs are inactive and stay so. When that was.
+fn bitten(board: &mut Machine, n: usize) -> anyhow::Result<Duration> {
     board.run_for(ms(40))?;
-    ensure!(edges(&board) == moving, "{} edges came out after the restart", edges(&board) - moving);
-    ensure!(board.resets() == 1, "it was reset {} times within 40 ms", board.resets());
-    let mut talk = Talk::new(Link::Serial, 0x2222);
-    let hello = talk.hello(&mut board)?;
+    ensure!(board.resets().len() == n, "instead of {n} times it was reset by {:?}", board.resets());
+    let reset = board.resets()[n - 1];
+    ensure!(reset.cause == rigless::device::ResetCause::Model("IWDG"), "it was reset by {:?}", reset.cause);
+    for (i, axis) in board.world.axes.iter().enumerate() {
+        let trace = axis.lock().expect("turns");
+        let after = trace.step.len() - trace.until_reset.context("a reset lets go of the outputs")?;
+        ensure!(after == 0, "{after} edges came out of axis {i} after the restart");
+    }
+    for pin in ENABLES {
+        ensure!(board.level(pin)?, "P{}{} is low: a driver was switched on by the restart", pin.0, pin.1);
+    }
+    Ok(Duration::from_nanos(reset.at.0))
+}
+
+/// The next hello tells of the watchdog, the settings of axis 2 are as saved, and the place is not trusted.
+fn told_by_the_watchdog(board: &mut Machine, kept: AxisSettings) -> anyhow::Result<Talk> {
+    let mut talk = Talk::new(Link::Serial, 0x2222 + board.resets().len() as u32);
+    let hello = talk.hello(board)?;
     ensure!(hello.reset == ResetCause::Watchdog, "the hello says that {:?} started it", hello.reset);
-    let found = talk.ask(&mut board, Request::GetAxis { axis: Axis(2) })?;
+    let found = talk.ask(board, Request::GetAxis { axis: Axis(2) })?;
     ensure!(
         matches!(found, parfocal_protocol::message::Response::Axis(s) if s == kept),
         "settings saved before did not survive: {found:?}"
     );
-    let trust = talk.status(&mut board)?.axes[0].trust;
+    let trust = talk.status(board)?.axes[0].trust;
     ensure!(trust == Trust::Unknown, "after a reset in motion the position is worth {trust:?}");
-    let silent = stands_still(&mut board, &mut talk)?;
-    let report = board.stop()?;
-    ensure!(report.resets == 1, "it was reset {} times", report.resets);
-    report.clean()?;
-    Ok(format!(
-        "restarted {:.0} ms after a part fell silent, told, settings kept; last edge {silent:.2} ms after the core stood still",
-        bitten.as_secs_f64() * 1e3
-    ))
+    Ok(talk)
 }
 
 /// The core stands still in mid-move for longer than its pulses last, and shorter than the watchdog's time: when the last edge

@@ -43,7 +43,7 @@ pub fn bootloader(elf: &Path, _: &mut Figures) -> anyhow::Result<String> {
     let mut report = board.stop()?;
     // What lies at address 0 is not modelled; the jump goes to system memory's own address.
     report.unimplemented.retain(|register| register != "SYSCFG.MEMRM");
-    ensure!(report.resets == 1, "it was reset {} times", report.resets);
+    ensure!(report.resets.len() == 1, "it was reset by {:?}", report.resets);
     ensure!(!report.hits.is_empty(), "the bootloader's entry was never reached");
     report.clean()?;
     Ok("refused in motion; at rest: timers stopped, answered, reset, and the bootloader's entry reached".into())

@@ -259,8 +259,10 @@ impl Engine {
         }
         let first = self.tracks.iter().map(Track::reached).min().unwrap_or(0);
         let stood = self.now.saturating_sub(first);
-        let moving = self.tracks.iter().any(Track::under_way);
-        let stop = moving && stood > GAP;
+        // All run dry together, those that stand too: what is told is an axis whose steps were late.
+        let moves = |axis: &usize| self.tracks.get(*axis).is_some_and(Track::under_way);
+        let moving = self.dry.take().filter(moves).or_else(|| (0..AXES).find(moves));
+        let stop = moving.is_some() && stood > GAP;
         if stop {
             self.camera.forget(timers);
         }
@@ -283,8 +285,7 @@ impl Engine {
         self.now = from;
         // Waking takes its time, axis by axis.
         self.skew = [None; AXES];
-        let axis = self.dry.take().unwrap_or(0);
-        if moving {
+        if let Some(axis) = moving {
             self.gaps = self.gaps.wrapping_add(1);
             if self.gap.is_none_or(|g| g.ticks < stood) {
                 self.gap = Some(Gap { ticks: stood, axis });
