@@ -1,6 +1,7 @@
 //! What a scan has seen: the focus curve, in bounded memory, and running sums that outlive it.
 
 use super::noise::{Noise, Trend};
+use super::tops::{self, Tops};
 use parfocal_protocol::units::{FocusValue, Nanometres};
 
 /// Places that a curve keeps; the oldest on the same slot is forgotten.
@@ -99,6 +100,7 @@ pub struct Curve {
     trend: Trend,
     rest: Trend,
     revisits: Level,
+    tops: Tops,
     slots: [Slot; CELLS],
     bins: [Bin; Curve::BINS],
 }
@@ -126,6 +128,7 @@ impl Curve {
             trend: Trend::default(),
             rest: Trend::default(),
             revisits: Level::default(),
+            tops: Tops::default(),
             slots: [Slot { mean: 0.0, off: 0.0, place: 0, frames: 0 }; CELLS],
             bins: [Bin::default(); Self::BINS],
         }
@@ -244,11 +247,17 @@ impl Curve {
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());
-        self.trend.add(f64::from(z.0.saturating_sub(self.origin)) / f64::from(self.unit), value - self.reference);
+        let way = z.0.saturating_sub(self.origin);
+        // On the grid the quotient is whole, and costs no software division.
+        let whole = way % self.unit == 0;
+        let x = if whole { f64::from(way / self.unit) } else { f64::from(way) / f64::from(self.unit) };
+        self.trend.add(x, value - self.reference);
         let moved = place != self.here;
         self.here = place;
 
         let slot = &mut self.slots[index(place)];
+        self.tops.changed(Place(i32::from(slot.place)));
+        self.tops.changed(Place(place));
         if slot.frames == 0 || i32::from(slot.place) != place {
             *slot = Slot { mean: value, off, place: place as i16, frames: 1 };
         } else {
@@ -270,6 +279,19 @@ impl Curve {
         }
         self.visit(z);
         self.sum_up(place, value);
+        if self.noise.is_silent() {
+            tops::update(self, Place(place));
+        }
+    }
+
+    /// The tops that are kept.
+    pub(super) fn tops(&self) -> &Tops {
+        &self.tops
+    }
+
+    /// The same, to be kept up to date.
+    pub(super) fn tops_mut(&mut self) -> &mut Tops {
+        &mut self.tops
     }
 
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.
@@ -347,13 +369,15 @@ impl Curve {
         let quiet = self.noise.is_silent();
         for side in [Side::Low, Side::High] {
             if place == self.seen(side).0 {
-                let inner = place - if quiet { 0 } else { side.sign() * (END - 1) * STRIDE };
-                let level = self.level(Place(place.min(inner)), Place(place.max(inner)));
-                // A mean of equal values may differ from them by a rounding: silence must stay exact.
-                let mean = self.at(Place(place)).filter(|_| quiet).map_or(level.mean, |c| c.mean);
-                self.ends[side as usize] = Level { mean, ..level };
-                if mean < self.floor {
-                    self.floor = mean;
+                let inner = place - side.sign() * (END - 1) * STRIDE;
+                let level = match self.slot(Place(place)).filter(|_| quiet) {
+                    // A mean of equal values may differ from them by a rounding: silence must stay exact.
+                    Some(slot) => Level { mean: slot.mean, frames: u32::from(slot.frames) },
+                    None => self.level(Place(place.min(inner)), Place(place.max(inner))),
+                };
+                self.ends[side as usize] = level;
+                if level.mean < self.floor {
+                    self.floor = level.mean;
                 }
             }
         }

@@ -47,6 +47,7 @@ pub mod peak;
 mod refine;
 mod scan;
 pub mod search;
+mod tops;
 mod whole;
 
 pub use scan::{Ask, Scan, Summary};

@@ -21,17 +21,18 @@ impl Noise {
 
     /// Standard deviation of one frame, relative to its value.
     pub fn relative(&self) -> f64 {
-        if self.freedom == 0 { 0.0 } else { root(self.sum / f64::from(self.freedom)) }
+        if self.freedom == 0 || self.is_none() { 0.0 } else { root(self.sum / f64::from(self.freedom)) }
     }
 
     /// Whether repeated frames were equal to the last bit.
     pub fn is_none(&self) -> bool {
-        self.sum == 0.0
+        // Plus or minus: compared without software floats.
+        self.sum.to_bits() << 1 == 0
     }
 
     /// Whether one frame is as good as many.
     pub fn is_silent(&self) -> bool {
-        self.sum <= SILENT * SILENT * f64::from(self.freedom)
+        self.is_none() || self.sum <= SILENT * SILENT * f64::from(self.freedom)
     }
 }
 
@@ -61,6 +62,9 @@ impl Trend {
         let sxy = self.n * self.xy - self.x * self.y;
         if sxx <= 0.0 || sxy == 0.0 {
             return 0.0;
+        }
+        if sigma == 0.0 {
+            return sxy / sigma;
         }
         // sxx and sxy carry a factor n each; one √n is left over.
         sxy / (sigma * root(sxx) * root(self.n))
