@@ -11,6 +11,7 @@
 use core::f64::consts::SQRT_2;
 
 use super::curve::{Curve, Place, STRIDE, Side, magnitude};
+use super::exact::doubled;
 use super::noise::root;
 use super::peak;
 use super::refine::{self, Refine};
@@ -74,9 +75,9 @@ impl Climb {
     fn walk(&mut self, curve: &Curve, heading: Side) -> Option<Place> {
         let here = curve.here();
         let quiet = curve.noise().is_silent();
-        let frames = curve.at(here).map_or(0, |c| c.frames);
+        let frames = || curve.at(here).map_or(0, |c| c.frames);
         let spare = !self.lengths.sweeping && !quiet && refine::allowance(curve) > 0;
-        if spare && here.0 != 0 && frames < FRAMES {
+        if spare && here.0 != 0 && frames() < FRAMES {
             return Some(here);
         }
         let heading = match (self.done(curve, Side::Low), self.done(curve, Side::High)) {
@@ -91,7 +92,7 @@ impl Climb {
                     if heading == Side::Low { -significance } else { significance }
                 };
                 let probed = here.0 == self.lengths.probe * heading.sign() && curve.seen(heading.other()).0 == 0;
-                if spare && probed && frames < STAY && magnitude(rise()) < TURN + ODDS {
+                if spare && probed && frames() < STAY && magnitude(rise()) < TURN + ODDS {
                     return Some(here);
                 }
                 let falls = || {
@@ -189,7 +190,7 @@ fn sharp(curve: &Curve, heading: Side) -> bool {
     let Some((_, best)) = curve.best() else { return false };
     let behind = |d: i32| curve.mean(Place(here - d * STRIDE * heading.sign()));
     let (Some(a), Some(b), Some(c)) = (behind(0), behind(1), behind(2)) else { return false };
-    let bend = magnitude(a - 2.0 * b + c);
+    let bend = magnitude(a - doubled(b) + c);
     bend > SHARP * (best - curve.floor()) && bend > SHARP_AT_ALL * magnitude(best)
 }
 

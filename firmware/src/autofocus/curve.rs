@@ -1,5 +1,6 @@
 //! What a scan has seen: the focus curve, in bounded memory, and running sums that outlive it.
 
+use super::exact::{added, divided};
 use super::noise::{Noise, Trend};
 use super::tops::{self, Tops};
 use parfocal_protocol::units::{FocusValue, Nanometres};
@@ -25,10 +26,22 @@ pub struct Place(pub i32);
 pub struct Cell {
     /// Where the frames lie on average, in places: a sweep does not stop on the grid.
     pub x: f64,
+    /// The place.
+    pub place: Place,
+    /// What `x` is off it.
+    pub off: f32,
     /// Frames taken there.
     pub frames: u16,
     /// Mean of their values.
     pub mean: f64,
+}
+
+impl Cell {
+    /// How far it lies past another one, in places; between places themselves that costs no software floats.
+    pub fn past(&self, other: Cell) -> f64 {
+        let whole = self.off == 0.0 && other.off == 0.0;
+        if whole { f64::from(self.place.0 - other.place.0) } else { added(self.x, -other.x) }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -249,8 +262,7 @@ impl Curve {
         self.travelled += i64::from((place - self.here).abs());
         let way = z.0.saturating_sub(self.origin);
         // On the grid the quotient is whole, and costs no software division.
-        let whole = way % self.unit == 0;
-        let x = if whole { f64::from(way / self.unit) } else { f64::from(way) / f64::from(self.unit) };
+        let x = if off == 0.0 { f64::from(place) } else { divided(f64::from(way), f64::from(self.unit)) };
         self.trend.add(x, value - self.reference);
         let moved = place != self.here;
         self.here = place;
@@ -297,7 +309,9 @@ impl Curve {
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.
     pub fn at(&self, place: Place) -> Option<Cell> {
         self.slot(place).map(|slot| Cell {
-            x: f64::from(place.0) + f64::from(slot.off),
+            x: if slot.off == 0.0 { f64::from(place.0) } else { added(f64::from(place.0), f64::from(slot.off)) },
+            place,
+            off: slot.off,
             frames: slot.frames,
             mean: slot.mean,
         })
@@ -394,9 +408,9 @@ impl Curve {
     }
 }
 
-/// |x|, without `std`.
+/// |x|, without software floats.
 pub fn magnitude(x: f64) -> f64 {
-    if x < 0.0 { -x } else { x }
+    f64::from_bits(x.to_bits() & !(1 << 63))
 }
 
 fn index(place: i32) -> usize {

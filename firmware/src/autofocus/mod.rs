@@ -38,6 +38,7 @@
 
 pub mod climb;
 pub mod curve;
+mod exact;
 mod fit;
 mod judge;
 mod mixed;

@@ -6,6 +6,7 @@
 //! narrow window, a broad top gets a wide one; the highest lower confidence bound wins.
 
 use super::curve::{Cell, Curve, Place, STRIDE, Side, magnitude};
+use super::exact::{doubled, halved, product, quotient};
 use super::fit::{self, Model};
 use super::noise::root;
 use super::tops::Top;
@@ -119,21 +120,19 @@ pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
 /// The same for a place that [`is_top`].
 pub fn work_out(curve: &Curve, place: Place) -> Option<Top> {
     let middle = curve.at(place)?;
-    let (from, to) = (near(curve, place, -1)?, near(curve, place, 1)?);
+    let (mut from, mut to) = (near(curve, place, -1)?, near(curve, place, 1)?);
     let (low, high) = (curve.at(from)?, curve.at(to)?);
     let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
-    let width = high.x - low.x;
+    let width = high.past(low);
     let halves = width <= f64::from(STRIDE);
     let (mut peak, mut hidden) = (parabola(middle, low, high), HIDDEN);
-    let (mut from, mut to) = (Place(from.0 - 1), Place(to.0 + 1));
     if halves || width > 4.0 * f64::from(STRIDE) {
-        let outer = beyond(curve, place, low, high);
+        let outer = beyond(curve, low, high);
         (from, to) = match outer {
-            Some((l, h)) => (from.min(l), to.max(h)),
+            Some((l, h)) => (l.place, h.place),
             None => (Place(from.0 - APART), Place(to.0 + APART)),
         };
-        let outer = outer.and_then(|(l, h)| Some((curve.at(l)?, curve.at(h)?)));
-        let outer = outer.filter(|(l, h)| !halves || h.x - l.x <= 2.0 * f64::from(STRIDE));
+        let outer = outer.filter(|(l, h)| !halves || h.past(*l) <= 2.0 * f64::from(STRIDE));
         if let Some(better) = outer.and_then(|(l, h)| quartic([l, low, middle, high, h], peak.at)) {
             if !halves {
                 return Some(Top { place, from, to, peak: better });
@@ -141,10 +140,10 @@ pub fn work_out(curve: &Curve, place: Place) -> Option<Top> {
             (peak, hidden) = (better, HIDDEN_FROM_FIVE);
         }
     }
-    let halfway = quotient(4.0 * (peak.at - middle.x), width);
+    let halfway = quotient(product(peak.at - middle.x, 4.0), width);
     // Half the distance hides a quarter of a drop that is a quarter, too.
     let apart = quotient(width, 2.0 * f64::from(STRIDE));
-    peak.error = hidden * drop * halfway * halfway * apart * apart;
+    peak.error = product(product(hidden * drop * halfway * halfway, apart), apart);
     Some(Top { place, from, to, peak })
 }
 
@@ -180,43 +179,27 @@ fn value_beside(curve: &Curve, place: Place, sign: i32) -> Option<f64> {
     near(curve, place, sign).and_then(|p| curve.mean(p))
 }
 
-/// a/b; for a power of two, by which most distances divide, without the software division: the rounding is the same.
-fn quotient(a: f64, b: f64) -> f64 {
-    const EXPONENT: u64 = 0x7FF << 52;
-    let bits = b.to_bits();
-    let exponent = bits & EXPONENT;
-    // 1/b is exact where nothing but the exponent is set, and neither 0, nor infinite, nor subnormal.
-    if bits & !EXPONENT & !(1 << 63) == 0 && exponent != 0 && exponent < 2046 << 52 {
-        a * f64::from_bits((bits & (1 << 63)) | ((2046 << 52) - exponent))
-    } else {
-        a / b
-    }
-}
-
 /// The extremum of the parabola through three cells; the middle one where it has none between the others.
 pub fn parabola(middle: Cell, low: Cell, high: Cell) -> Peak {
     let mut peak = Peak { at: middle.x, value: middle.mean, error: 0.0, window: 1 };
     // Divided differences from the middle.
-    let (xl, xh) = (low.x - middle.x, high.x - middle.x);
+    let (xl, xh) = (low.past(middle), high.past(middle));
     let (sl, sh) = (quotient(low.mean - middle.mean, xl), quotient(high.mean - middle.mean, xh));
     let bend = quotient(sh - sl, xh - xl);
-    let slope = sl - bend * xl;
-    let shift = -slope / (2.0 * bend);
+    let slope = sl - product(bend, xl);
+    let shift = -slope / doubled(bend);
     if shift >= xl && shift <= xh {
         peak.at += shift;
-        peak.value += 0.5 * slope * shift;
+        peak.value += halved(slope) * shift;
     }
     peak
 }
 
-/// The known places next to two cells beside a place, outwards.
-fn beyond(curve: &Curve, place: Place, low: Cell, high: Cell) -> Option<(Place, Place)> {
+/// The cells next to two cells, outwards.
+fn beyond(curve: &Curve, low: Cell, high: Cell) -> Option<(Cell, Cell)> {
     let next = |near: Cell, sign: i32| {
-        let off = near.x - f64::from(place.0);
-        let from = (if off < 0.0 { off - 0.5 } else { off + 0.5 }) as i32;
-        let mut places = (1..=APART).map(|d| Place(place.0 + from + d * sign));
-        let farther = |c: Cell| if sign < 0 { c.x < near.x } else { c.x > near.x };
-        places.find(|p| curve.mean(*p).is_some() && curve.at(*p).is_some_and(farther))
+        let cells = (1..=APART).filter_map(|d| curve.at(Place(near.place.0 + d * sign)));
+        { cells }.find(|c| if sign < 0 { c.x < near.x } else { c.x > near.x })
     };
     Some((next(low, -1)?, next(high, 1)?))
 }
@@ -227,7 +210,7 @@ fn quartic(cells: [Cell; 5], mut at: f64) -> Option<Peak> {
     let mut c = cells.map(|cell| cell.mean);
     for order in 1..5 {
         for i in (order..5).rev() {
-            c[i] = quotient(c[i] - c[i - 1], cells[i].x - cells[i - order].x);
+            c[i] = quotient(c[i] - c[i - 1], cells[i].past(cells[i - order]));
         }
     }
     // The value is that before the last step; only there it is worked out.
@@ -236,17 +219,21 @@ fn quartic(cells: [Cell; 5], mut at: f64) -> Option<Peak> {
         // The first steps of the scheme without what multiplies zero.
         p = c[4] * (at - cells[3].x) + c[3];
         x = at - cells[2].x;
-        let (mut slope, mut bend) = (c[4] * x + p, 2.0 * c[4]);
+        let (mut slope, mut bend) = (c[4] * x + p, doubled(c[4]));
         p = p * x + c[2];
         x = at - cells[1].x;
-        bend = bend * x + 2.0 * slope;
+        bend = bend * x + doubled(slope);
         slope = slope * x + p;
         p = p * x + c[1];
         x = at - cells[0].x;
-        bend = bend * x + 2.0 * slope;
+        bend = bend * x + doubled(slope);
         slope = slope * x + p;
+        let before = at;
         if bend < 0.0 {
             at -= slope / bend;
+        }
+        if at.to_bits() == before.to_bits() {
+            break;
         }
     }
     let value = p * x + c[0];
