@@ -201,6 +201,9 @@ pub fn fell(curve: &Curve, side: Side) -> bool {
     if end.frames == 0 {
         return false;
     }
+    if curve.noise().is_none() {
+        return top > end.mean;
+    }
     let sigma = curve.noise().relative() * magnitude(top);
     if curve.noise().is_silent() {
         // One frame against one.
