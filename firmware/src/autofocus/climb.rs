@@ -11,6 +11,7 @@
 use core::f64::consts::SQRT_2;
 
 use super::curve::{Curve, Place, STRIDE, Side, magnitude};
+use super::exact::doubled;
 use super::noise::root;
 use super::peak;
 use super::refine::{self, Refine};
@@ -74,9 +75,9 @@ impl Climb {
     fn walk(&mut self, curve: &Curve, heading: Side) -> Option<Place> {
         let here = curve.here();
         let quiet = curve.noise().is_silent();
-        let frames = curve.at(here).map_or(0, |c| c.frames);
+        let frames = || curve.at(here).map_or(0, |c| c.frames);
         let spare = !self.lengths.sweeping && !quiet && refine::allowance(curve) > 0;
-        if spare && here.0 != 0 && frames < FRAMES {
+        if spare && here.0 != 0 && frames() < FRAMES {
             return Some(here);
         }
         let heading = match (self.done(curve, Side::Low), self.done(curve, Side::High)) {
@@ -84,14 +85,21 @@ impl Climb {
             (true, false) => Side::High,
             (false, true) => Side::Low,
             (false, false) => {
-                let sigma = curve.noise().relative() * magnitude(curve.reference());
-                let rise = curve.trend().significance(sigma) * f64::from(heading.sign());
+                // What takes many software floats is worked out where it decides.
+                let rise = || {
+                    let sigma = curve.noise().relative() * magnitude(curve.reference());
+                    let significance = curve.trend().significance(sigma);
+                    if heading == Side::Low { -significance } else { significance }
+                };
                 let probed = here.0 == self.lengths.probe * heading.sign() && curve.seen(heading.other()).0 == 0;
-                if spare && probed && magnitude(rise) < TURN + ODDS && frames < STAY {
+                if spare && probed && frames() < STAY && magnitude(rise()) < TURN + ODDS {
                     return Some(here);
                 }
-                let (ahead, behind) = (f64::from(curve.ahead(heading)), f64::from(curve.ahead(heading.other())));
-                let doubt = TURN + ODDS * (ahead - behind) / (ahead + behind);
+                let falls = || {
+                    let rise = rise();
+                    let (ahead, behind) = (f64::from(curve.ahead(heading)), f64::from(curve.ahead(heading.other())));
+                    rise < 0.0 && rise < -(TURN + ODDS * (ahead - behind) / (ahead + behind))
+                };
                 let begun = curve.seen(heading).0 * heading.sign() >= if quiet { STRIDE } else { 2 * STRIDE };
                 if quiet && !self.turned && self.top_between(curve, heading) {
                     self.turned = true;
@@ -102,7 +110,7 @@ impl Climb {
                     return Some(self.step(curve, heading, quiet));
                 }
                 // A fall behind means that a top is being crossed: its far side comes first.
-                if begun && rise < -doubt && !fell(curve, heading.other()) { heading.other() } else { heading }
+                if begun && falls() && !fell(curve, heading.other()) { heading.other() } else { heading }
             }
         };
         self.heading = Some(heading);
@@ -146,27 +154,31 @@ impl Climb {
             // A top right at the end must be crossed.
             return curve.ahead(side) < STRIDE;
         }
-        let far = past(best) >= self.lengths.trap
-            || (past(best) > STRIDE
-                && curve.noise().is_silent()
-                && past(self.first(curve, best, side)) >= self.lengths.trap);
-        curve.ahead(side) < STRIDE || (far && fell(curve, side))
+        if curve.ahead(side) < STRIDE {
+            return true;
+        }
+        // What costs most comes last.
+        let far = past(best) >= self.lengths.trap;
+        (far || (quiet && past(best) > STRIDE))
+            && fell(curve, side)
+            && (far || past(self.first(curve, best, side)) >= self.lengths.trap)
     }
 }
 
 /// Whether the curve has risen steeply over the last two steps: a narrow top may follow, so the steps are halved.
 fn steep(curve: &Curve, heading: Side) -> bool {
     let here = curve.here().0;
-    let (Some(cell), Some((_, best))) = (curve.at(Place(here)), curve.best()) else { return false };
-    let least = STEEP * (best - curve.floor());
-    let behind = (1..=2 * STRIDE).filter_map(|d| curve.at(Place(here - d * heading.sign())));
-    behind.map(|c| cell.mean - c.mean).any(|rise| rise > least && rise > STEEP_AT_ALL * magnitude(best))
+    let (Some(value), Some((_, best))) = (curve.mean(Place(here)), curve.best()) else { return false };
+    let behind = (1..=2 * STRIDE).filter_map(|d| curve.mean(Place(here - d * heading.sign())));
+    // Downhill that is found out without software floats.
+    let mut rises = behind.filter(|v| value.total_cmp(v).is_gt()).map(|v| value - v);
+    rises.any(|rise| rise > STEEP * (best - curve.floor()) && rise > STEEP_AT_ALL * magnitude(best))
 }
 
 /// Whether the curve rises at the end of a side so that a top there may become the best.
 fn rises(curve: &Curve, side: Side) -> bool {
     let end = curve.seen(side).0;
-    let behind = |d: i32| curve.at(Place(end - d * side.sign())).map(|c| c.mean);
+    let behind = |d: i32| curve.mean(Place(end - d * side.sign()));
     let (Some(last), Some(before)) = (behind(0), behind(1).or(behind(STRIDE))) else { return false };
     let (Some(earlier), Some((_, best))) = (behind(2 * STRIDE), curve.best()) else { return false };
     last > before && best - last < last - earlier
@@ -176,9 +188,9 @@ fn rises(curve: &Curve, side: Side) -> bool {
 fn sharp(curve: &Curve, heading: Side) -> bool {
     let here = curve.here().0;
     let Some((_, best)) = curve.best() else { return false };
-    let behind = |d: i32| curve.at(Place(here - d * STRIDE * heading.sign())).map(|c| c.mean);
+    let behind = |d: i32| curve.mean(Place(here - d * STRIDE * heading.sign()));
     let (Some(a), Some(b), Some(c)) = (behind(0), behind(1), behind(2)) else { return false };
-    let bend = magnitude(a - 2.0 * b + c);
+    let bend = magnitude(a - doubled(b) + c);
     bend > SHARP * (best - curve.floor()) && bend > SHARP_AT_ALL * magnitude(best)
 }
 
@@ -188,6 +200,9 @@ pub fn fell(curve: &Curve, side: Side) -> bool {
     let end = curve.end(side);
     if end.frames == 0 {
         return false;
+    }
+    if curve.noise().is_none() {
+        return top > end.mean;
     }
     let sigma = curve.noise().relative() * magnitude(top);
     if curve.noise().is_silent() {

@@ -1,6 +1,8 @@
 //! What a scan has seen: the focus curve, in bounded memory, and running sums that outlive it.
 
+use super::exact::{added, divided};
 use super::noise::{Noise, Trend};
+use super::tops::{self, Tops};
 use parfocal_protocol::units::{FocusValue, Nanometres};
 
 /// Places that a curve keeps; the oldest on the same slot is forgotten.
@@ -24,10 +26,22 @@ pub struct Place(pub i32);
 pub struct Cell {
     /// Where the frames lie on average, in places: a sweep does not stop on the grid.
     pub x: f64,
+    /// The place.
+    pub place: Place,
+    /// What `x` is off it.
+    pub off: f32,
     /// Frames taken there.
     pub frames: u16,
     /// Mean of their values.
     pub mean: f64,
+}
+
+impl Cell {
+    /// How far it lies past another one, in places; between places themselves that costs no software floats.
+    pub fn past(&self, other: Cell) -> f64 {
+        let whole = self.off == 0.0 && other.off == 0.0;
+        if whole { f64::from(self.place.0 - other.place.0) } else { added(self.x, -other.x) }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -99,6 +113,7 @@ pub struct Curve {
     trend: Trend,
     rest: Trend,
     revisits: Level,
+    tops: Tops,
     slots: [Slot; CELLS],
     bins: [Bin; Curve::BINS],
 }
@@ -126,6 +141,7 @@ impl Curve {
             trend: Trend::default(),
             rest: Trend::default(),
             revisits: Level::default(),
+            tops: Tops::default(),
             slots: [Slot { mean: 0.0, off: 0.0, place: 0, frames: 0 }; CELLS],
             bins: [Bin::default(); Self::BINS],
         }
@@ -244,11 +260,16 @@ impl Curve {
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());
-        self.trend.add(f64::from(z.0.saturating_sub(self.origin)) / f64::from(self.unit), value - self.reference);
+        let way = z.0.saturating_sub(self.origin);
+        // On the grid the quotient is whole, and costs no software division.
+        let x = if off == 0.0 { f64::from(place) } else { divided(f64::from(way), f64::from(self.unit)) };
+        self.trend.add(x, value - self.reference);
         let moved = place != self.here;
         self.here = place;
 
         let slot = &mut self.slots[index(place)];
+        self.tops.changed(Place(i32::from(slot.place)));
+        self.tops.changed(Place(place));
         if slot.frames == 0 || i32::from(slot.place) != place {
             *slot = Slot { mean: value, off, place: place as i16, frames: 1 };
         } else {
@@ -270,12 +291,27 @@ impl Curve {
         }
         self.visit(z);
         self.sum_up(place, value);
+        if self.noise.is_silent() {
+            tops::update(self, Place(place));
+        }
+    }
+
+    /// The tops that are kept.
+    pub(super) fn tops(&self) -> &Tops {
+        &self.tops
+    }
+
+    /// The same, to be kept up to date.
+    pub(super) fn tops_mut(&mut self) -> &mut Tops {
+        &mut self.tops
     }
 
     /// What is known of a place; `None` where no frame was taken or where it was forgotten.
     pub fn at(&self, place: Place) -> Option<Cell> {
         self.slot(place).map(|slot| Cell {
-            x: f64::from(place.0) + f64::from(slot.off),
+            x: if slot.off == 0.0 { f64::from(place.0) } else { added(f64::from(place.0), f64::from(slot.off)) },
+            place,
+            off: slot.off,
             frames: slot.frames,
             mean: slot.mean,
         })
@@ -347,13 +383,15 @@ impl Curve {
         let quiet = self.noise.is_silent();
         for side in [Side::Low, Side::High] {
             if place == self.seen(side).0 {
-                let inner = place - if quiet { 0 } else { side.sign() * (END - 1) * STRIDE };
-                let level = self.level(Place(place.min(inner)), Place(place.max(inner)));
-                // A mean of equal values may differ from them by a rounding: silence must stay exact.
-                let mean = self.at(Place(place)).filter(|_| quiet).map_or(level.mean, |c| c.mean);
-                self.ends[side as usize] = Level { mean, ..level };
-                if mean < self.floor {
-                    self.floor = mean;
+                let inner = place - side.sign() * (END - 1) * STRIDE;
+                let level = match self.slot(Place(place)).filter(|_| quiet) {
+                    // A mean of equal values may differ from them by a rounding: silence must stay exact.
+                    Some(slot) => Level { mean: slot.mean, frames: u32::from(slot.frames) },
+                    None => self.level(Place(place.min(inner)), Place(place.max(inner))),
+                };
+                self.ends[side as usize] = level;
+                if level.mean < self.floor {
+                    self.floor = level.mean;
                 }
             }
         }
@@ -370,9 +408,9 @@ impl Curve {
     }
 }
 
-/// |x|, without `std`.
+/// |x|, without software floats.
 pub fn magnitude(x: f64) -> f64 {
-    if x < 0.0 { -x } else { x }
+    f64::from_bits(x.to_bits() & !(1 << 63))
 }
 
 fn index(place: i32) -> usize {

@@ -38,6 +38,7 @@
 
 pub mod climb;
 pub mod curve;
+mod exact;
 mod fit;
 mod judge;
 mod mixed;
@@ -47,6 +48,7 @@ pub mod peak;
 mod refine;
 mod scan;
 pub mod search;
+mod tops;
 mod whole;
 
 pub use scan::{Ask, Scan, Summary};

@@ -21,24 +21,25 @@ impl Noise {
 
     /// Standard deviation of one frame, relative to its value.
     pub fn relative(&self) -> f64 {
-        if self.freedom == 0 { 0.0 } else { root(self.sum / f64::from(self.freedom)) }
+        if self.freedom == 0 || self.is_none() { 0.0 } else { root(self.sum / f64::from(self.freedom)) }
     }
 
     /// Whether repeated frames were equal to the last bit.
     pub fn is_none(&self) -> bool {
-        self.sum == 0.0
+        // Plus or minus: compared without software floats.
+        self.sum.to_bits() << 1 == 0
     }
 
     /// Whether one frame is as good as many.
     pub fn is_silent(&self) -> bool {
-        self.sum <= SILENT * SILENT * f64::from(self.freedom)
+        self.is_none() || self.sum <= SILENT * SILENT * f64::from(self.freedom)
     }
 }
 
 /// A straight line through all frames since the start: is there a slope, and how sure is it?
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Trend {
-    n: f64,
+    n: u32,
     x: f64,
     xx: f64,
     y: f64,
@@ -48,7 +49,7 @@ pub struct Trend {
 impl Trend {
     /// Takes in a value `y` at `x`, both relative to the first frame's.
     pub fn add(&mut self, x: f64, y: f64) {
-        self.n += 1.0;
+        self.n += 1;
         self.x += x;
         self.xx += x * x;
         self.y += y;
@@ -57,21 +58,26 @@ impl Trend {
 
     /// The slope over its standard error, if one frame deviates by `sigma`; infinite where `sigma` is 0.
     pub fn significance(&self, sigma: f64) -> f64 {
-        let sxx = self.n * self.xx - self.x * self.x;
-        let sxy = self.n * self.xy - self.x * self.y;
+        let n = f64::from(self.n);
+        let sxx = n * self.xx - self.x * self.x;
+        let sxy = n * self.xy - self.x * self.y;
         if sxx <= 0.0 || sxy == 0.0 {
             return 0.0;
         }
+        if sigma == 0.0 {
+            return sxy / sigma;
+        }
         // sxx and sxy carry a factor n each; one √n is left over.
-        sxy / (sigma * root(sxx) * root(self.n))
+        sxy / (sigma * root(sxx) * root(n))
     }
 }
 
 impl Trend {
     /// The slope of the line.
     pub fn slope(&self) -> f64 {
-        let sxx = self.n * self.xx - self.x * self.x;
-        if sxx > 0.0 { (self.n * self.xy - self.x * self.y) / sxx } else { 0.0 }
+        let n = f64::from(self.n);
+        let sxx = n * self.xx - self.x * self.x;
+        if sxx > 0.0 { (n * self.xy - self.x * self.y) / sxx } else { 0.0 }
     }
 }
 

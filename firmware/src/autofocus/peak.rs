@@ -5,9 +5,12 @@
 //! Lepski 1991: the widest window that the data do not contradict has the least error). A narrow bump keeps its
 //! narrow window, a broad top gets a wide one; the highest lower confidence bound wins.
 
-use super::curve::{Cell, Curve, Place, STRIDE, magnitude};
+use super::curve::{Cell, Curve, Place, STRIDE, Side, magnitude};
+use super::exact::{doubled, halved, product, quotient};
 use super::fit::{self, Model};
 use super::noise::root;
+use super::tops::Top;
+use heapless::Vec;
 
 /// Half-widths of the windows, in places.
 const WINDOWS: [i32; 12] = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 88];
@@ -33,6 +36,9 @@ const HIDDEN_FROM_FIVE: f64 = 0.025;
 
 /// How far a sweep's samples may lie apart, in places.
 const APART: i32 = 64;
+
+/// Tops that are kept while the highest is looked for.
+const TOPS: usize = 16;
 
 /// A local maximum.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,11 +72,13 @@ pub fn find(curve: &Curve, from: Place, to: Place) -> Option<Peak> {
 /// Every [`top`] between two places, with its place.
 pub fn tops(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
     let mut next = from.0;
+    // Nothing is known beyond what was seen.
+    let end = (to.0 + APART).min(curve.seen(Side::High).0);
     // The known place before: its value, and whether that is not lower than the one before it.
     let mut last: Option<(i32, f64, bool)> = None;
     let summits = core::iter::from_fn(move || {
         loop {
-            if last.is_some_and(|l| l.0 > to.0) || next > to.0 + APART {
+            if last.is_some_and(|l| l.0 > to.0) || next > end {
                 return None;
             }
             let here = next;
@@ -97,104 +105,138 @@ fn is_local_maximum(curve: &Curve, place: Place) -> bool {
     !(1..=2 * STRIDE).any(|d| higher(place.0 - d) || higher(place.0 + d))
 }
 
+/// Whether a place's neighbours are known and not higher, compared without software floats.
+pub fn is_top(curve: &Curve, place: Place) -> bool {
+    let Some(value) = curve.mean(place) else { return false };
+    [-1, 1].iter().all(|sign| value_beside(curve, place, *sign).is_some_and(|v| v.total_cmp(&value).is_le()))
+}
+
 /// The parabola's top at a place whose neighbours are not higher.
 pub fn top(curve: &Curve, place: Place) -> Option<Peak> {
-    let value = curve.mean(place)?;
-    if [-1, 1].iter().any(|sign| value_beside(curve, place, *sign).is_none_or(|v| v.total_cmp(&value).is_gt())) {
-        return None;
-    }
+    let kept = curve.tops().at(place);
+    kept.or_else(|| if is_top(curve, place) { work_out(curve, place).map(|top| top.peak) } else { None })
+}
+
+/// The same for a place that [`is_top`].
+pub fn work_out(curve: &Curve, place: Place) -> Option<Top> {
     let middle = curve.at(place)?;
-    let (low, high) = (beside(curve, place, -1)?, beside(curve, place, 1)?);
+    let (mut from, mut to) = (near(curve, place, -1)?, near(curve, place, 1)?);
+    let (low, high) = (curve.at(from)?, curve.at(to)?);
     let drop = (middle.mean - low.mean) + (middle.mean - high.mean);
-    let width = high.x - low.x;
+    let width = high.past(low);
     let halves = width <= f64::from(STRIDE);
     let (mut peak, mut hidden) = (parabola(middle, low, high), HIDDEN);
     if halves || width > 4.0 * f64::from(STRIDE) {
-        let outer = beyond(curve, place, low, high);
-        let outer = outer.filter(|(l, h)| !halves || h.x - l.x <= 2.0 * f64::from(STRIDE));
-        if let Some(better) = outer.and_then(|(l, h)| quartic([l, low, middle, high, h])) {
+        let outer = beyond(curve, low, high);
+        (from, to) = match outer {
+            Some((l, h)) => (l.place, h.place),
+            None => (Place(from.0 - APART), Place(to.0 + APART)),
+        };
+        let outer = outer.filter(|(l, h)| !halves || h.past(*l) <= 2.0 * f64::from(STRIDE));
+        if let Some(better) = outer.and_then(|(l, h)| quartic([l, low, middle, high, h], peak.at)) {
             if !halves {
-                return Some(better);
+                return Some(Top { place, from, to, peak: better });
             }
             (peak, hidden) = (better, HIDDEN_FROM_FIVE);
         }
     }
-    let halfway = 4.0 * (peak.at - middle.x) / width;
+    let halfway = quotient(product(peak.at - middle.x, 4.0), width);
     // Half the distance hides a quarter of a drop that is a quarter, too.
-    let apart = width / (2.0 * f64::from(STRIDE));
-    Some(Peak { error: hidden * drop * halfway * halfway * apart * apart, ..peak })
+    let apart = quotient(width, 2.0 * f64::from(STRIDE));
+    peak.error = product(product(hidden * drop * halfway * halfway, apart), apart);
+    Some(Top { place, from, to, peak })
 }
 
 /// The tops between two places that may be the highest, each with its place, by what is known of them.
 pub fn rivals(curve: &Curve, from: Place, to: Place) -> impl Iterator<Item = (Place, Peak)> + '_ {
-    let all = move || tops(curve, from, to);
-    let highest = all().map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
+    // Few tops are kept from the search for the highest one. Were there more, they are found again.
+    let mut kept: Vec<(Place, Peak), TOPS> = Vec::new();
+    let mut fits = true;
+    let noted = tops(curve, from, to).inspect(|top| fits &= kept.push(*top).is_ok());
+    let highest = noted.map(|(_, t)| t).reduce(|a, b| if b.value > a.value { b } else { a });
     let least = highest.map_or(0.0, |h| h.value - h.error);
     let noise = 3.0 * curve.noise().relative() * magnitude(least);
-    all().filter(move |(_, t)| t.value + t.error + noise >= least)
+    let again = (!fits).then(|| tops(curve, from, to)).into_iter().flatten();
+    let kept = if fits { kept } else { Vec::new() };
+    kept.into_iter().chain(again).filter(move |(_, t)| t.value + t.error + noise >= least)
 }
 
-/// The nearest known cell on one side.
+/// The nearest known place on one side.
+pub fn near(curve: &Curve, place: Place, sign: i32) -> Option<Place> {
+    // Nothing is known beyond what was seen.
+    let side = if sign < 0 { Side::Low } else { Side::High };
+    let reach = ((curve.seen(side).0 - place.0) * sign).min(APART);
+    (1..=reach).map(|d| Place(place.0 + d * sign)).find(|p| curve.mean(*p).is_some())
+}
+
+/// What is known of [`near`].
 fn beside(curve: &Curve, place: Place, sign: i32) -> Option<Cell> {
-    (1..=APART).find_map(|d| curve.at(Place(place.0 + d * sign)))
+    near(curve, place, sign).and_then(|p| curve.at(p))
 }
 
 /// The value of [`beside`].
 fn value_beside(curve: &Curve, place: Place, sign: i32) -> Option<f64> {
-    (1..=APART).find_map(|d| curve.mean(Place(place.0 + d * sign)))
+    near(curve, place, sign).and_then(|p| curve.mean(p))
 }
 
 /// The extremum of the parabola through three cells; the middle one where it has none between the others.
 pub fn parabola(middle: Cell, low: Cell, high: Cell) -> Peak {
     let mut peak = Peak { at: middle.x, value: middle.mean, error: 0.0, window: 1 };
     // Divided differences from the middle.
-    let (xl, xh) = (low.x - middle.x, high.x - middle.x);
-    let (sl, sh) = ((low.mean - middle.mean) / xl, (high.mean - middle.mean) / xh);
-    let bend = (sh - sl) / (xh - xl);
-    let slope = sl - bend * xl;
-    let shift = -slope / (2.0 * bend);
+    let (xl, xh) = (low.past(middle), high.past(middle));
+    let (sl, sh) = (quotient(low.mean - middle.mean, xl), quotient(high.mean - middle.mean, xh));
+    let bend = quotient(sh - sl, xh - xl);
+    let slope = sl - product(bend, xl);
+    let shift = -slope / doubled(bend);
     if shift >= xl && shift <= xh {
         peak.at += shift;
-        peak.value += 0.5 * slope * shift;
+        peak.value += halved(slope) * shift;
     }
     peak
 }
 
-/// The cells next to two cells beside a place, outwards.
-fn beyond(curve: &Curve, place: Place, low: Cell, high: Cell) -> Option<(Cell, Cell)> {
+/// The cells next to two cells, outwards.
+fn beyond(curve: &Curve, low: Cell, high: Cell) -> Option<(Cell, Cell)> {
     let next = |near: Cell, sign: i32| {
-        let off = near.x - f64::from(place.0);
-        let from = (if off < 0.0 { off - 0.5 } else { off + 0.5 }) as i32;
-        let cells = (1..=APART).filter_map(|d| curve.at(Place(place.0 + from + d * sign)));
-        { cells }.find(|c| (c.x - near.x) * f64::from(sign) > 0.0)
+        let cells = (1..=APART).filter_map(|d| curve.at(Place(near.place.0 + d * sign)));
+        { cells }.find(|c| if sign < 0 { c.x < near.x } else { c.x > near.x })
     };
     Some((next(low, -1)?, next(high, 1)?))
 }
 
 /// The top of the polynomial through five cells that lie far apart, as in a sweep: a parabola through three would be
-/// off by a fiftieth of their distance. By Newton's divided differences and steps.
-fn quartic(cells: [Cell; 5]) -> Option<Peak> {
+/// off by a fiftieth of their distance. By Newton's divided differences, and his steps from that parabola's top, `at`.
+fn quartic(cells: [Cell; 5], mut at: f64) -> Option<Peak> {
     let mut c = cells.map(|cell| cell.mean);
     for order in 1..5 {
         for i in (order..5).rev() {
-            c[i] = (c[i] - c[i - 1]) / (cells[i].x - cells[i - order].x);
+            c[i] = quotient(c[i] - c[i - 1], cells[i].past(cells[i - order]));
         }
     }
-    let mut at = parabola(cells[2], cells[1], cells[3]).at;
-    let mut value = cells[2].mean;
+    // The value is that before the last step; only there it is worked out.
+    let (mut p, mut x) = (0.0, 0.0);
     for _ in 0..4 {
-        let (mut p, mut slope, mut bend) = (c[4], 0.0, 0.0);
-        for i in (0..4).rev() {
-            let x = at - cells[i].x;
-            bend = bend * x + 2.0 * slope;
-            slope = slope * x + p;
-            p = p * x + c[i];
-        }
-        value = p;
+        // The first steps of the scheme without what multiplies zero.
+        p = c[4] * (at - cells[3].x) + c[3];
+        x = at - cells[2].x;
+        let (mut slope, mut bend) = (c[4] * x + p, doubled(c[4]));
+        p = p * x + c[2];
+        x = at - cells[1].x;
+        bend = bend * x + doubled(slope);
+        slope = slope * x + p;
+        p = p * x + c[1];
+        x = at - cells[0].x;
+        bend = bend * x + doubled(slope);
+        slope = slope * x + p;
+        let before = at;
         if bend < 0.0 {
             at -= slope / bend;
         }
+        if at.to_bits() == before.to_bits() {
+            break;
+        }
     }
+    let value = p * x + c[0];
     let inside = at > cells[1].x && at < cells[3].x && value >= cells[2].mean;
     inside.then_some(Peak { at, value, error: 0.0, window: 2 })
 }
@@ -212,7 +254,7 @@ fn widen(curve: &Curve, place: Place) -> Option<Peak> {
     for half in WINDOWS {
         let middle = Place((if best.at < 0.0 { best.at - 0.5 } else { best.at + 0.5 }) as i32);
         let (from, to) = (Place(middle.0 - half), Place(middle.0 + half));
-        if curve.seen(super::curve::Side::Low) > from || curve.seen(super::curve::Side::High) < to {
+        if curve.seen(Side::Low) > from || curve.seen(Side::High) < to {
             break;
         }
         let model = Model { from, to, sigma, bend };

@@ -54,7 +54,7 @@ impl Refine {
         let from = (best.0 - trap).max(curve.seen(Side::Low).0);
         let to = (best.0 + trap).min(curve.seen(Side::High).0);
         let here = curve.here().0;
-        let places = (from..=to).filter(|p| p % STRIDE == 0 && curve.at(Place(*p)).is_none());
+        let places = (from..=to).filter(|p| p % STRIDE == 0 && curve.mean(Place(*p)).is_none());
         places.min_by_key(|p| (p - here).abs()).map(Place)
     }
 
@@ -66,7 +66,7 @@ impl Refine {
             rivals += 1;
             // First the half step on the side where the top lies.
             let side = if top.at < f64::from(p.0) { -1 } else { 1 };
-            let missing = |q: &i32| *q > from.0 && *q < to.0 && curve.at(Place(*q)).is_none();
+            let missing = |q: &i32| *q > from.0 && *q < to.0 && curve.mean(Place(*q)).is_none();
             let Some(q) = [p.0 + side, p.0 - side].into_iter().find(missing) else { continue };
             if next.is_none_or(|n| (q - here).abs() < (n - here).abs()) {
                 next = Some(q);
