@@ -100,7 +100,7 @@ fn homing_tells_what_is_wrong_with_the_switch() {
     let (_, _, events) = homing(Side::Low, Polarity::PressedHigh, -far, -10, false);
     assert_eq!(fault(events), HomingFault::WrongSide);
     // Pressed at both ends, as when the polarity is set wrong: nothing moves.
-    let (mut board, _, events) = homing(Side::Low, Polarity::PressedHigh, 1_000, -1_000, false);
+    let (board, _, events) = homing(Side::Low, Polarity::PressedHigh, 1_000, -1_000, false);
     assert_eq!(fault(events), HomingFault::Stuck);
     assert_eq!(board.seen(0, false, false), 0);
 }
