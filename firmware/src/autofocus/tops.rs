@@ -6,7 +6,7 @@ use super::peak::{self, Peak};
 use heapless::Vec;
 
 /// Tops that are kept; were there more, they are worked out again when they are asked for.
-const KEPT: usize = 16;
+const KEPT: usize = 12;
 
 /// A top, and what it was worked out from.
 #[derive(Clone, Copy, Debug)]
