@@ -206,7 +206,8 @@ impl Machine {
                 resets: session.resets().to_vec(),
             })
         });
-        let mut machine = Self { world, program, orders, answers, thread, nanos: 0, instructions: 0, resets: Vec::new() };
+        let mut machine =
+            Self { world, program, orders, answers, thread, nanos: 0, instructions: 0, resets: Vec::new() };
         machine.wait()?;
         Ok(machine)
     }
