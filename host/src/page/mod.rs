@@ -2,7 +2,7 @@
 //!
 //! One thread drives the boards ([`driver`]), one reads the camera ([`feed`]), one publishes what there is to see
 //! ([`snapshot`]); the web server only translates. A slow browser misses pictures and never slows anything down. STOP goes
-//! past the driving thread, straight to the boards ([`line`]).
+//! past the driving thread, straight to the boards ([`mod@line`]).
 
 mod api;
 mod api_calibration;
