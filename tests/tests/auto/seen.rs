@@ -2,32 +2,10 @@
 
 use crate::eyes::{both, faulty};
 use crate::unattended::farthest_off;
-use crate::world::{World, rig_file};
+use crate::world::{Rendered, World, rig_file};
 use parfocal::autonomous::{DetectorEyes, Plan, Work, calibrate};
 use parfocal::focus::Measure;
-use parfocal::frames::camera::{Camera, CameraError, Frame};
-use parfocal::picture::Picture;
 use parfocal::procedure::{Progress, ScanFocuser};
-use parfocal_protocol::units::HostTime;
-
-/// A camera that sees the simulated world.
-struct Rendered(World);
-
-impl Camera for Rendered {
-    fn name(&self) -> String {
-        "rendered".into()
-    }
-
-    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
-        Ok(Some(Frame {
-            picture: Picture::grey16(frame.width, frame.height, frame.pixels).unwrap(),
-            number: times.number,
-            exposure: Some((HostTime(times.begin), HostTime(times.end))),
-            arrival: HostTime(times.arrival),
-        }))
-    }
-}
 
 /// `cargo nextest run -p parfocal-tests --test auto --run-ignored only detector --no-capture`
 #[test]

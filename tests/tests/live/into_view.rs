@@ -1,6 +1,6 @@
 //! From stereo pictures of printed markers to both tips in the picture of a 40x objective, and nobody helps.
 
-use crate::world::{World, rig_file};
+use crate::world::{Rendered, World, rig_file};
 use nalgebra::{Matrix3, Point3, Vector3};
 use parfocal::calibration::coarse::edges::Grey;
 use parfocal::calibration::coarse::learn::fine::{self, Fine, Objective};
@@ -8,13 +8,11 @@ use parfocal::calibration::coarse::learn::{Learned, Now, moves, place};
 use parfocal::calibration::coarse::marker::{CELLS, cells};
 use parfocal::calibration::coarse::{Degrees, MarkerId, Pair, Place, Registration, Settings, StereoCamera, register};
 use parfocal::focus::Measure;
-use parfocal::frames::camera::{Camera, CameraError, Frame};
-use parfocal::picture::Picture;
 use parfocal::procedure::{
     DetectorFinder, IntoViewPlan, LiveRig, Parts, ProcedureError, Progress, Purpose, Recorder, ScanFocuser, into_view,
 };
 use parfocal::rig::{CameraCalibration, CoarseRegistration, ManipulatorNumber, Pipette, Record, Rig, Zoom};
-use parfocal_protocol::units::{Axis, HostTime, Micrometres};
+use parfocal_protocol::units::{Axis, Micrometres};
 use parfocal_simulator::model::{ManipulatorModel, ObjectiveModel, RigModel};
 use parfocal_simulator::rig;
 use parfocal_simulator::stereo::{self, Finish, Pose, Print, Scene, bench};
@@ -24,25 +22,6 @@ const DATE: &str = "2026-11-25T00:00:00Z";
 /// On manipulators 1 and 2.
 const MARKERS: [MarkerId; 2] = [MarkerId(1), MarkerId(2)];
 const OBJECTIVE: MarkerId = MarkerId(3);
-
-/// The simulated microscope's camera, pictures and all.
-struct Sight(World);
-
-impl Camera for Sight {
-    fn name(&self) -> String {
-        "virtual".into()
-    }
-
-    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
-        Ok(Some(Frame {
-            picture: Picture::grey16(frame.width, frame.height, frame.pixels).unwrap(),
-            number: times.number,
-            exposure: Some((HostTime(times.begin), HostTime(times.end))),
-            arrival: HostTime(times.arrival),
-        }))
-    }
-}
 
 fn stereo_camera(pair: &bench::Pair) -> StereoCamera {
     let lens = |l: &stereo::Lens| {
@@ -191,7 +170,7 @@ fn both_tips_come_into_view_by_their_markers_alone() {
         let manipulator = ManipulatorNumber::new(n).unwrap();
         let plan = IntoViewPlan { manipulator, objectives: vec!["4x".into(), "40x".into()] };
         let mut focuser = ScanFocuser::new(Measure::Tenengrad, 100 * u16::from(n));
-        let (mut camera, mut progress) = (Sight(world.clone()), |p: Progress| println!("{p:?}"));
+        let (mut camera, mut progress) = (Rendered(world.clone()), |p: Progress| println!("{p:?}"));
         let mut live = LiveRig::new(Parts {
             stage: &mut stage,
             camera: &mut camera,
@@ -226,7 +205,7 @@ fn both_tips_come_into_view_by_their_markers_alone() {
 fn without_a_coarse_registration_it_says_how_to_get_one() {
     let world = World::new(RigModel::new(1));
     let (mut stage, file, keep_on) = (world.stage(), rig_file(), || true);
-    let (mut camera, mut focuser) = (Sight(world.clone()), ScanFocuser::new(Measure::Tenengrad, 1));
+    let (mut camera, mut focuser) = (Rendered(world.clone()), ScanFocuser::new(Measure::Tenengrad, 1));
     let mut progress = |_| {};
     let mut live = LiveRig::new(Parts {
         stage: &mut stage,

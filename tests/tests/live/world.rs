@@ -1,5 +1,5 @@
 //! The simulated rig as a procedure sees it: real boards in virtual time, and stand-ins for eyes that know the truth but for
-//! a little noise. Nothing is rendered.
+//! a little noise. Nothing is rendered but by [`Rendered`].
 
 use parfocal::frames::camera::{Camera, CameraError, Frame};
 use parfocal::link::transport::Transport;
@@ -273,4 +273,23 @@ pub fn rig_file() -> Rig {
         }
     }
     Rig::parse(&text).unwrap()
+}
+
+/// The simulated microscope's camera, pictures and all.
+pub struct Rendered(pub World);
+
+impl Camera for Rendered {
+    fn name(&self) -> String {
+        "rendered".into()
+    }
+
+    fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
+        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
+        Ok(Some(Frame {
+            picture: Picture::grey16(frame.width, frame.height, frame.pixels).unwrap(),
+            number: times.number,
+            exposure: Some((HostTime(times.begin), HostTime(times.end))),
+            arrival: HostTime(times.arrival),
+        }))
+    }
 }
