@@ -123,15 +123,30 @@ impl Browser {
 
     /// The place of an element's middle in the window, px.
     ///
+    /// The page draws what the server tells a moment after the server knows it: this waits until the element is there,
+    /// can be used and stays where it is, as a person's eye does.
+    ///
     /// # Panics
-    /// When there is none.
+    /// When that does not come about in ten seconds.
     pub fn middle(&self, selector: &str) -> (f64, f64) {
         let script = format!(
-            "const e = document.querySelector({}); e.scrollIntoView({{ block: 'nearest' }}); const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]",
+            "const e = document.querySelector({}); if (!e || e.disabled) return null; e.scrollIntoView({{ block: 'nearest' }});
+             const b = e.getBoundingClientRect(); return b.width > 0 ? [b.x + b.width / 2, b.y + b.height / 2] : null",
             json!(selector)
         );
-        let at = self.run(&script);
-        (at[0].as_f64().expect("x"), at[1].as_f64().expect("y"))
+        let end = Instant::now() + Duration::from_secs(10);
+        let mut before = Value::Null;
+        loop {
+            let at = self.run(&script);
+            if let (Some(x), Some(y)) = (at[0].as_f64(), at[1].as_f64())
+                && at == before
+            {
+                return (x, y);
+            }
+            assert!(Instant::now() < end, "{selector} is not there to be used; the page says {}", self.text("body"));
+            before = at;
+            std::thread::sleep(Duration::from_millis(30));
+        }
     }
 
     /// Mouse: presses at a place, moves over others, releases at the last one.
