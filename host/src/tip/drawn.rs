@@ -31,9 +31,6 @@ pub struct Drawn {
     /// The shapes' products, weighted, and the inverse that solved for the mix.
     normal: Shapes,
     inverse: Shapes,
-    /// The shapes' products with the values, and the values' squares, weighted.
-    right: Mix,
-    total: f64,
     seam: Seam,
 }
 
@@ -57,8 +54,6 @@ impl Drawn {
             squares: 0.0,
             normal: Shapes::zeros(),
             inverse: Shapes::zeros(),
-            right: Mix::zeros(),
-            total: 0.0,
             seam,
         };
         drawn.solve(patch, weights);
@@ -70,12 +65,8 @@ impl Drawn {
         let per_radius = 1.0 / patch.radius;
         let mut sums = [[[0.0_f32; LANES]; SHAPES]; SHAPES];
         let mut right = [[0.0_f32; LANES]; SHAPES];
-        let mut all = [0.0_f32; LANES];
         for ((row, block), w) in self.rows.iter().zip(&patch.blocks).zip(weights) {
             let v = shapes(row, block, per_radius);
-            for l in 0..LANES {
-                all[l] += w[l] * block.value[l] * block.value[l];
-            }
             for i in 0..SHAPES {
                 let wi: Lanes = std::array::from_fn(|l| w[l] * v[i][l]);
                 add(&mut right[i], &wi, &block.value);
@@ -92,9 +83,7 @@ impl Drawn {
             matrix[(i, i)] += factor * ridge;
         }
         self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
-        self.right = Mix::from_fn(|i, _| total(&right[i]));
-        self.total = total(&all);
-        self.mix = self.inverse * self.right;
+        self.mix = self.inverse * Mix::from_fn(|i, _| total(&right[i]));
         let mix: [f32; SHAPES] = std::array::from_fn(|i| self.mix[i] as f32);
         let mut squares = [0.0_f32; LANES];
         self.residuals.clear();
@@ -112,18 +101,6 @@ impl Drawn {
             left
         }));
         self.squares = total(&squares);
-    }
-
-    /// The weighted squares that the light's level and slopes alone would leave.
-    pub fn empty_squares(&self) -> f64 {
-        let normal = self.normal.fixed_view::<3, 3>(GLASS, GLASS).into_owned();
-        let right = self.right.fixed_rows::<3>(GLASS).into_owned();
-        normal.cholesky().map_or(0.0, |c| (self.total - c.solve(&right).dot(&right)).max(0.0))
-    }
-
-    /// Standard error of the glass's share of the mix, in standard deviations of a pixel's noise.
-    pub fn glass_error(&self) -> f64 {
-        self.inverse[(0, 0)].max(0.0).sqrt()
     }
 
     /// How the squares change with the cone's numbers.

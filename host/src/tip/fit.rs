@@ -20,10 +20,6 @@ pub struct Fit {
     pub residual: f64,
     /// The same without any pipette: level and slopes of the light alone.
     pub empty: f64,
-    /// The share of the squares that the cone explains, where what does not look like one counts less.
-    pub explained: f64,
-    /// Standard error of the glass's share of the mix, in standard deviations of a pixel's noise.
-    pub glass_error: f64,
     /// Standard errors of the tip along and across the pipette, px.
     pub error_along: f64,
     pub error_across: f64,
@@ -37,7 +33,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    pub fn penalty(&self, cone: &Cone) -> f64 {
+    fn penalty(&self, cone: &Cone) -> f64 {
         let p = cone.to_array();
         (0..PLACES).map(|i| ((p[i] - self.mean[i]) / self.deviation[i]).powi(2)).sum()
     }
@@ -189,8 +185,6 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
     Some(Fit {
         cone: at,
         unit: patch.unit,
-        explained: 1.0 - now.squares / now.empty_squares().max(1e-12),
-        glass_error: now.glass_error(),
         mix: std::array::from_fn(|i| now.mix[i]),
         residual: squares / patch.mass,
         empty: patch.empty / patch.mass,
