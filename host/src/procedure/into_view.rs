@@ -12,6 +12,7 @@ use super::jog::{Jogged, jogged};
 use super::live::{LiveRig, Progress, Seen};
 use super::point::{Found, NotFound, PointFinder, Subject, Witness};
 use super::record::{Recorder, Sample};
+use super::spiral::{outwards, spiral};
 use crate::calibration::chain::{Arm, Chain, ChainError, Pixel};
 use crate::calibration::frames::{Displacement, Man, Point, Ref};
 use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber, Rig};
@@ -56,6 +57,8 @@ const LEFT_DEPTHS: f64 = 1.0;
 const LEFT_SHARE: f64 = 0.05;
 /// Where along the pipette the tip's focus is looked for, in shares of the picture's shorter side behind where a jog saw its end.
 const BACK_SHARES: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
+/// More looks than this are no search but an hour lost: a weaker objective needs few.
+const LOOKS: usize = 300;
 /// Heights that the pipette is lifted by when an obstacle is in the way, and how often.
 const LIFTS: usize = 12;
 
@@ -169,12 +172,17 @@ impl Hunt<'_, '_> {
 
     /// Looks in a spiral, height after height, from the likeliest place outwards. Gives the pixel where the tip was.
     fn search(&mut self, view: &View) -> Result<Pixel, ProcedureError> {
+        let heights = outwards(SIGMAS * self.error.z, 2.0 * VISIBLE_DEPTHS * view.depth_um);
+        let places = spiral(SIGMAS * self.error.x.max(self.error.y), SPIRAL_SHARE * view.side_um);
+        let looks = heights.len() * places.len();
+        if looks > LOOKS {
+            let objective = self.live.guard.objective().unwrap_or_default().into();
+            return Err(ProcedureError::SmallField { objective, looks, error_um: self.error.max() });
+        }
         self.lift(view)?;
-        let step = SPIRAL_SHARE * view.side_um;
-        let visible = VISIBLE_DEPTHS * view.depth_um;
         let mut why = None;
-        for height in outwards(SIGMAS * self.error.z, 2.0 * visible) {
-            for [x, y] in spiral(SIGMAS * self.error.x.max(self.error.y), step) {
+        for &height in &heights {
+            for &[x, y] in &places {
                 match self.look(view, Vector3::new(x, y, height)) {
                     Ok(Some(pixel)) => return Ok(pixel),
                     Ok(None) => {}
@@ -352,50 +360,5 @@ impl Hunt<'_, '_> {
     fn correct(&mut self, by: Vector3<f64>) {
         self.correction += by;
         self.arm = self.arm.shifted(Displacement::from(by));
-    }
-}
-
-/// Heights from −reach to reach, `step` apart, the likeliest first.
-fn outwards(reach: f64, step: f64) -> Vec<f64> {
-    let count = (reach / step).ceil().max(0.0) as i32;
-    let mut all: Vec<f64> = (-count..=count).map(|k| f64::from(k) * step).collect();
-    if reach <= step / 2.0 {
-        return vec![0.0];
-    }
-    all.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
-    all
-}
-
-/// Places of a square grid within `reach` (and half a step) of the middle, from there outwards.
-fn spiral(reach: f64, step: f64) -> Vec<[f64; 2]> {
-    let count = (reach / step).ceil() as i32;
-    let mut all: Vec<[f64; 2]> = (-count..=count)
-        .flat_map(|x| (-count..=count).map(move |y| [f64::from(x) * step, f64::from(y) * step]))
-        .filter(|[x, y]| x.hypot(*y) <= reach + step / 2.0)
-        .collect();
-    all.sort_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])));
-    all
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_search_begins_in_the_middle_and_covers_its_reach() {
-        let places = spiral(300.0, 120.0);
-        assert_eq!(places[0], [0.0, 0.0]);
-        assert!(places.iter().all(|[x, y]| x.hypot(*y) <= 360.0));
-        // Every place within reach is within half a step of one looked at, in x and y.
-        for k in 0..200 {
-            let (r, a) = (300.0 * f64::from(k) / 200.0, f64::from(k) * 2.4);
-            let [x, y] = [r * a.cos(), r * a.sin()];
-            assert!(places.iter().any(|p| (p[0] - x).abs() <= 60.1 && (p[1] - y).abs() <= 60.1), "{x} {y}");
-        }
-        assert_eq!(spiral(10.0, 500.0)[0], [0.0, 0.0]);
-        let heights = outwards(100.0, 40.0);
-        assert_eq!(heights[0], 0.0);
-        assert!(heights.contains(&120.0) && heights.contains(&-120.0) && heights.len() == 7);
-        assert_eq!(outwards(10.0, 40.0), [0.0]);
     }
 }
