@@ -9,9 +9,7 @@ use super::camera::{Lens, Side, StereoCamera};
 use super::edges::{Border, Edge, Grey, Tone, borders, measure};
 use super::levels::Levels;
 use super::marker::Cells;
-use nalgebra::{
-    Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
-};
+use nalgebra::{Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// A marker to be measured: its squares, borders and size.
 #[derive(Clone, Debug)]
@@ -248,7 +246,13 @@ fn adjust(seen: &[Seen], camera: &StereoCamera, pose: &Isometry3<f64>, noise: f6
         }
         for (k, line) in products.iter_mut().enumerate() {
             // A picture that took no part has its spread's prior only.
-            line[k] += if k < 3 { 1e-9 } else if k < 6 { 0.0 } else { 1.0 / (SPREAD_PX * SPREAD_PX) };
+            line[k] += if k < 3 {
+                1e-9
+            } else if k < 6 {
+                0.0
+            } else {
+                1.0 / (SPREAD_PX * SPREAD_PX)
+            };
         }
         normal = SMatrix::from_fn(|i, j| products[i][j]);
         by = normal.cholesky()?.solve(&SVector::from(gradient));
