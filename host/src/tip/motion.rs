@@ -7,6 +7,7 @@
 //! phase.
 
 mod fit;
+mod kernel;
 mod model;
 mod start;
 mod swing;

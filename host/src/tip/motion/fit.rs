@@ -1,5 +1,6 @@
 //! Fits a swinging pipette to a swing's picture.
 
+use super::kernel::Kernel;
 use super::model::{NUMBERS, Picture, Swinging};
 use super::start;
 use crate::tip::model::Cone;
@@ -71,9 +72,15 @@ pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bo
     // Details near the tip, at the resolution that its blur asks for.
     let cone = best.at.cone;
     let fine = if cone.blur.abs() > 10.0 * unit { 2 } else { 1 };
-    let last = Patch::about(levels.get(fine)?, &cone, noise, unit).fit(&prior, best.at, 15)?;
-    let patch = Patch::about(levels.get(fine - 1)?, &last.at.cone, noise, unit);
-    let last = patch.fit(&prior, last.at, 4)?;
+    let closer = Patch::about(levels.get(fine)?, &cone, noise, unit);
+    let by_kernel = |kernel| {
+        let patch = Patch { kernel, ..closer.clone() };
+        Some((patch.fit(&prior, best.at, 40)?, kernel))
+    };
+    let closer = Kernel::both().into_iter().filter_map(by_kernel);
+    let (last, kernel) = closer.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
+    let patch = Patch { kernel, ..Patch::about(levels.get(fine - 1)?, &last.at.cone, noise, unit) };
+    let last = patch.fit(&prior, last.at, 15)?;
     let (sin, cos) = last.at.cone.angle.sin_cos();
     let c = &last.covariance;
     let along = c[(0, 0)] * cos * cos + 2.0 * c[(0, 1)] * sin * cos + c[(1, 1)] * sin * sin;
@@ -101,6 +108,7 @@ impl Prior {
     }
 }
 
+#[derive(Clone, Copy)]
 struct Sample {
     x: f32,
     y: f32,
@@ -109,6 +117,7 @@ struct Sample {
 }
 
 /// Pixels that are fitted.
+#[derive(Clone)]
 struct Patch {
     origin: [f64; 2],
     step: f64,
@@ -119,6 +128,7 @@ struct Patch {
     /// Sums of the weights, and of the weighted squares.
     mass: f64,
     squares: f64,
+    kernel: &'static Kernel,
 }
 
 struct Fitted {
@@ -161,11 +171,12 @@ impl Patch {
             }
         }
         let step = level.step as f64;
-        Self { origin, step, unit, samples, variance: (noise / step).powi(2), mass, squares }
+        let variance = (noise / step).powi(2);
+        Self { origin, step, unit, samples, variance, mass, squares, kernel: Kernel::both()[0] }
     }
 
     fn picture(&self, at: &Swinging) -> Picture {
-        Picture::new(at, self.step, self.origin, self.unit)
+        Picture::new(at, self.kernel, self.step, self.origin, self.unit)
     }
 
     /// The weighted squares that a pipette leaves, and the depth that leaves the least.

@@ -3,6 +3,7 @@
 //! Each is laid over the whole of the picture, as coarse as it can be, so that all places explain the same pixels: what is
 //! explained is largest at the tip, and not anywhere along the shank (a matched filter, generalised likelihood ratio).
 
+use super::kernel::Kernel;
 use super::model::{Picture, Swinging};
 use crate::tip::pyramid::Level;
 use std::f64::consts::TAU;
@@ -80,7 +81,7 @@ struct Shape {
 
 impl Shape {
     fn new(pipette: &Swinging, step: f64, unit: f64, columns: usize, rows: usize) -> Self {
-        let picture = Picture::new(pipette, step, [0.0, 0.0], unit);
+        let picture = Picture::new(pipette, Kernel::both()[0], step, [0.0, 0.0], unit);
         let width = 2 * columns;
         let place = |i: usize, middle: usize| ((i as f64 - middle as f64) * step) as f32;
         let values = (0..2 * rows)
