@@ -44,6 +44,12 @@ const LEAPS: [f64; NUMBERS] = [20.0, 20.0, 0.3, 0.5, 0.5, 10.0, 0.5, 0.5, 0.3, 1
 /// Places that a fit begins at.
 const STARTS: usize = 8;
 
+/// Ways along the pipette and blurs of its tip that a closer look begins at, px at the still detector's pixel size; and how many of
+/// these are fitted.
+const SHIFTS: [f64; 5] = [-24.0, -12.0, 0.0, 12.0, 24.0];
+const BLURS: [f64; 6] = [-18.0, -9.0, -2.0, 5.0, 12.0, 20.0];
+const CLOSER: usize = 4;
+
 /// The pipette that explains most of a picture; `noise` is a standard deviation of one of its pixels. `None`: none does.
 pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bool) -> Option<Best> {
     let prior = Prior::new(unit);
@@ -69,18 +75,35 @@ pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bo
     let again: Vec<Fitted> = shifted.filter_map(|at| coarse.fit(&prior, at, 10)).collect();
     let best = found.into_iter().chain(again).min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     let gain = (coarse.squares - best.squares) / coarse.variance;
-    // Details near the tip, at the resolution that its blur asks for.
-    let cone = best.at.cone;
-    let fine = if cone.blur.abs() > 10.0 * unit { 2 } else { 1 };
-    let closer = Patch::about(levels.get(fine)?, &cone, noise, unit);
-    let by_kernel = |kernel| {
-        let patch = Patch { kernel, ..closer.clone() };
-        Some((patch.fit(&prior, best.at, 40)?, kernel))
-    };
-    let closer = Kernel::both().into_iter().filter_map(by_kernel);
-    let (last, kernel) = closer.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
+    // Nearer to the tip, once more from many pipettes there: the far shank alone is explained by wrong ones too.
+    let near = Patch::about(levels.get(2).unwrap_or(coarsest), &best.at.cone, noise, unit);
+    let mut starts: Vec<(f64, Swinging)> = Vec::new();
+    for shift in SHIFTS {
+        for blur in BLURS {
+            let mut at = Swinging::from_array(prior.mean);
+            at.cone = Cone { blur: blur * unit, angle: best.at.cone.angle, ..at.cone };
+            let from = along(&best, shift).cone;
+            (at.cone.x, at.cone.y) = (from.x, from.y);
+            starts.push((near.cost(&prior, &mut at).1, at));
+        }
+    }
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut closer: Vec<Fitted> = std::iter::once(best.at)
+        .chain(starts.into_iter().take(CLOSER).map(|s| s.1))
+        .filter_map(|at| near.fit(&prior, at, 12))
+        .collect();
+    closer.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    // At the resolution that its blur asks for, by either kernel.
+    let fine = if closer.first()?.at.cone.blur.abs() > 10.0 * unit { 2 } else { 1 };
+    let near = Patch::about(levels.get(fine)?, &closer.first()?.at.cone, noise, unit);
+    let mut last: Vec<(Fitted, &'static Kernel)> = Vec::new();
+    for kernel in Kernel::both() {
+        let patch = Patch { kernel, ..near.clone() };
+        last.extend(closer.iter().take(2).filter_map(|f| Some((patch.fit(&prior, f.at, 25)?, kernel))));
+    }
+    let (last, kernel) = last.into_iter().min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
     let patch = Patch { kernel, ..Patch::about(levels.get(fine - 1)?, &last.at.cone, noise, unit) };
-    let last = patch.fit(&prior, last.at, 15)?;
+    let last = patch.fit(&prior, last.at, 10)?;
     let (sin, cos) = last.at.cone.angle.sin_cos();
     let c = &last.covariance;
     let along = c[(0, 0)] * cos * cos + 2.0 * c[(0, 1)] * sin * cos + c[(1, 1)] * sin * sin;
