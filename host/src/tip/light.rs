@@ -64,9 +64,11 @@ impl Light {
         for (j, row) in level.values.chunks_exact_mut(level.width).enumerate() {
             let v = 2.0 * (j as f64 + 0.5) / h - 1.0;
             let (level, slope, bend) = (t[0] + t[2] * v + t[5] * v * v, t[1] + t[4] * v, t[3]);
+            let (level, slope, bend) = (level as f32, slope as f32, bend as f32);
+            let (first, each) = ((1.0 / w - 1.0) as f32, (2.0 / w) as f32);
             for (i, value) in row.iter_mut().enumerate() {
-                let u = 2.0 * (i as f64 + 0.5) / w - 1.0;
-                *value -= (level + u * (slope + u * bend)) as f32;
+                let u = first + each * i as i32 as f32;
+                *value -= level + u * (slope + u * bend);
             }
         }
     }
@@ -80,11 +82,12 @@ pub fn noise(half: &Level) -> f64 {
         return 0.0;
     }
     let every = (half.height / 120).max(1);
+    let skipped = (w / 320).max(1);
     let mut seen = Vec::new();
     for y in (1..half.height - 1).step_by(every) {
         let (a, b, c) =
             (&half.values[(y - 1) * w..y * w], &half.values[y * w..][..w], &half.values[(y + 1) * w..][..w]);
-        seen.extend((1..w - 1).map(|x| {
+        seen.extend((1..w - 1).step_by(skipped).map(|x| {
             let corners = a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1];
             let sides = a[x] + c[x] + b[x - 1] + b[x + 1];
             (corners - 2.0 * sides + 4.0 * b[x]).abs()

@@ -5,13 +5,14 @@
 //! explains at every distance says how sure it is ([`verify`], [`hypothesis`]); where the pipette is seen sharply, the place
 //! where its detail ends settles the tip ([`end`]). `docs/tips.md` says how well it does.
 
-mod dual;
+mod drawn;
 mod end;
 mod fit;
 mod hypothesis;
 mod light;
 mod model;
 pub mod motion;
+mod patch;
 mod pyramid;
 mod search;
 mod verify;
