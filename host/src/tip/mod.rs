@@ -85,11 +85,6 @@ pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
     look(view, expect, 1, light::noise).pop()
 }
 
-/// As [`detect`], in a picture whose noise is smooth.
-fn detect_smooth(view: &View<'_>, expect: &Expect) -> Option<Tip> {
-    look(view, expect, 1, light::smooth_noise).pop()
-}
-
 /// Every tip in a picture, the surest first.
 pub fn detect_all(view: &View<'_>, expect: &Expect) -> Vec<Tip> {
     let mut tips = look(view, expect, CLOSER, light::noise);
