@@ -98,13 +98,3 @@ pub fn noise(half: &Level) -> f64 {
     // The mask's weights square to 36; a median deviation is 0.6745 of a standard deviation.
     2.0 * typical / (6.0 * 0.6745)
 }
-
-/// A pixel's noise in a picture whose noise is smooth: as much white noise as would be left of it at a quarter of the resolution.
-pub fn smooth_noise(half: &Level) -> f64 {
-    let mut values: Vec<f32> = half.values.clone();
-    let middle = values.len() / 2;
-    let typical = |values: &mut Vec<f32>| *values.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let centre = typical(&mut values);
-    values.iter_mut().for_each(|v| *v = (*v - centre).abs());
-    4.0 * f64::from(typical(&mut values)) / 0.6745
-}

@@ -58,6 +58,9 @@ const ALIKE: f64 = 0.02;
 /// The largest pixels and the smallest that are told from [`PIXEL_UM`], as a factor.
 const EXTREMES: [f64; 2] = [0.25, 16.0];
 
+/// Halvings of a picture at most.
+const HALVINGS: f64 = 4.0;
+
 impl Default for Expect {
     fn default() -> Self {
         Self { angle_deg: None, tolerance_deg: 30.0, confidence: 0.5, pixel_um: PIXEL_UM }
@@ -69,6 +72,12 @@ impl Expect {
     fn side(&self) -> f64 {
         let side = PIXEL_UM / self.pixel_um;
         if !side.is_finite() || (side - 1.0).abs() < ALIKE { 1.0 } else { side.clamp(EXTREMES[0], EXTREMES[1]) }
+    }
+
+    /// How often a picture is halved until its pixels are near to [`PIXEL_UM`].
+    fn halvings(&self) -> usize {
+        let times = (PIXEL_UM / self.pixel_um).log2().round();
+        if times > 0.0 { times.min(HALVINGS) as usize } else { 0 }
     }
 
     fn allows(&self, angle_rad: f64) -> bool {
@@ -87,11 +96,6 @@ const CLOSER: usize = 3;
 /// 0.32 µm/px and NA 0.8), for dark and bright pipettes, on 8- and 16-bit pictures.
 pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
     look(view, expect, 1, light::noise).pop()
-}
-
-/// As [`detect`], in a picture whose noise is smooth.
-fn detect_smooth(view: &View<'_>, expect: &Expect) -> Option<Tip> {
-    look(view, expect, 1, light::smooth_noise).pop()
 }
 
 /// Every tip in a picture, the surest first.

@@ -82,7 +82,7 @@ fn shares(i: usize, side: f64, n: usize) -> Vec<(usize, f32)> {
         .collect()
 }
 
-fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height: usize, step: usize) -> Level {
+pub fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height: usize, step: usize) -> Level {
     let (w, h) = (width / 2, height / 2);
     let mut out = Vec::with_capacity(w * h);
     let mut sums = vec![0.0_f32; 2 * w];
