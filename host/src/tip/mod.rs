@@ -20,6 +20,7 @@ mod weights;
 
 use crate::picture::View;
 use hypothesis::Hypothesis;
+use model::Cone;
 use pyramid::Level;
 use std::f64::consts::TAU;
 
@@ -151,16 +152,17 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
     let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
     // Thin glass bends light more than it takes: a real tip may reach farther than its darkness, which the fit then leaves
     // unexplained, and its detail shows it.
+    let laid = || {
+        let angle = hypothesis::shank_angle(levels, &best.fit.cone, noise).unwrap_or(best.fit.cone.angle);
+        Cone { angle, ..best.fit.cone }
+    };
     let end = (best.unexplained > UNEXPLAINED)
-        .then(|| end::settled(levels, &best.fit.cone, noise))
-        .flatten()
-        .filter(|end| end.clarity > CLEAR);
+        .then(laid)
+        .and_then(|axis| Some((axis, end::settled(levels, &axis, noise).filter(|end| end.clarity > CLEAR)?)));
     let (x, y, angle) = match end {
-        Some(end) => {
-            let cone = &best.fit.cone;
-            let (sin, cos) = cone.angle.sin_cos();
-            let angle = hypothesis::shank_angle(levels, cone, noise).unwrap_or(cone.angle);
-            (cone.x + end.beyond * cos, cone.y + end.beyond * sin, angle)
+        Some((axis, end)) => {
+            let (sin, cos) = axis.angle.sin_cos();
+            (axis.x + end.beyond * cos, axis.y + end.beyond * sin, axis.angle)
         }
         None => (cone.x, cone.y, cone.angle),
     };
