@@ -121,7 +121,7 @@ impl Camera for Lamp {
         Ok(frame.map(|frame| {
             let (w, h) = (frame.picture.width, frame.picture.height);
             let picture = Picture::grey8(w, h, vec![if lit { 120 } else { 1 }; w * h]).unwrap();
-            Frame { picture, ..frame }
+            Frame { picture: picture.into(), ..frame }
         }))
     }
 }
