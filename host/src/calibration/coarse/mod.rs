@@ -24,6 +24,7 @@ pub mod register;
 mod reject;
 pub mod sheet;
 mod start;
+mod weighted;
 #[cfg(test)]
 mod tests;
 
