@@ -196,7 +196,7 @@ impl Camera for SimulatedCamera {
         let picture = Picture::grey16(frame.width, frame.height, frame.pixels)
             .map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;
         let Stamp { number, exposure, arrival } = self.stamp(&times);
-        Ok(Some(Frame { picture, number, exposure, arrival }))
+        Ok(Some(Frame { picture: picture.into(), number, exposure, arrival }))
     }
 
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {

@@ -3,6 +3,7 @@
 mod by_markers;
 mod eyes;
 mod faults;
+mod recalibrated;
 mod seen;
 mod unattended;
 #[path = "../live/world.rs"]

@@ -138,7 +138,7 @@ impl Camera for Eye {
         let Some((times, _)) = rig.next_shot(deadline.0) else { return Ok(None) };
         let (w, h) = (rig.model().camera.width, rig.model().camera.height);
         Ok(Some(Frame {
-            picture: Picture::grey8(w, h, vec![0; w * h]).unwrap(),
+            picture: Picture::grey8(w, h, vec![0; w * h]).unwrap().into(),
             number: times.number,
             exposure: Some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),
@@ -286,7 +286,7 @@ impl Camera for Rendered {
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
         let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
         Ok(Some(Frame {
-            picture: Picture::grey16(frame.width, frame.height, frame.pixels).unwrap(),
+            picture: Picture::grey16(frame.width, frame.height, frame.pixels).unwrap().into(),
             number: times.number,
             exposure: Some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),

@@ -139,7 +139,7 @@ mod tests {
             self.0 += 1;
             let exposure = self.1.then_some((HostTime(begin), HostTime(begin + 5_000)));
             let picture = Picture::grey8(2, 1, vec![self.0 as u8, 0]).unwrap();
-            let frame = Frame { picture, number: self.0, exposure, arrival: HostTime(begin + 8_000) };
+            let frame = Frame { picture: picture.into(), number: self.0, exposure, arrival: HostTime(begin + 8_000) };
             Ok((frame.arrival <= deadline).then_some(frame))
         }
     }
