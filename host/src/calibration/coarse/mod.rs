@@ -24,9 +24,9 @@ pub mod register;
 mod reject;
 pub mod sheet;
 mod start;
-mod weighted;
 #[cfg(test)]
 mod tests;
+mod weighted;
 
 pub use camera::{Lens, Side, StereoCamera, StereoError};
 pub use graph::{MarkerPose, Registration};
