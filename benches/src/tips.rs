@@ -31,6 +31,9 @@ pub struct Arguments {
     /// Cluttered scenes with a vibrating pipette
     #[arg(long, default_value_t = 300)]
     bursts: u64,
+    /// Cluttered scenes without a pipette, and as many with one that vibrates and whose tip lies outside
+    #[arg(long, default_value_t = 50)]
+    empty_bursts: u64,
     /// Number of the first scene
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -60,10 +63,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (Show::Nothing, "nothing", arguments.empty),
         (Show::ShankOnly, "shank", arguments.empty),
         (Show::Tip, "burst", arguments.bursts),
+        (Show::Nothing, "burst of nothing", arguments.empty_bursts),
+        (Show::ShankOnly, "burst of a shank", arguments.empty_bursts),
     ] {
         jobs.extend((arguments.seed..arguments.seed + count).map(|seed| (show, name, seed)));
     }
-    let drawn = |show, name, seed| if name == "burst" { clutter.draw(show, seed) } else { ranges.draw(show, seed) };
+    let drawn = |show, name: &str, seed| {
+        if name.starts_with("burst") { clutter.draw(show, seed) } else { ranges.draw(show, seed) }
+    };
     let rows = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..arguments.threads as usize)
             .map(|worker| {
@@ -105,7 +112,7 @@ fn ranges(path: &Path) -> anyhow::Result<Ranges> {
 
 /// Finds the tip of one scene.
 fn row(drawn: &Drawn, show: &'static str, seed: u64) -> anyhow::Result<Row> {
-    let (tip, detect_ms): (Option<Tip>, f64) = if show == "burst" {
+    let (tip, detect_ms): (Option<Tip>, f64) = if show.starts_with("burst") {
         burst::detect(drawn)?
     } else {
         let picture = picture_of(drawn)?;

@@ -1,5 +1,6 @@
 //! The figures that the scenarios measure, as `cargo xtask emulate --json` prints them.
 
+use crate::scenarios::Times;
 use serde::Serialize;
 
 /// Measured figures; one that no scenario of this run measured is absent.
@@ -45,13 +46,16 @@ pub struct Figures {
     /// Greatest distance of a camera pulse from its step, ticks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trigger_jitter_ticks: Option<u64>,
-    /// The board's decision after a scan's sample, µs: instructions × 1.5 at 168 MHz, interrupts included; the slowest but for the
-    /// last, which judges the whole curve.
+    /// How long a decision after a scan's sample holds the board up, µs: instructions × 1.5 at 168 MHz, interrupts included; the
+    /// slowest one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_decision_us: Option<f64>,
     /// The same until the next move is planned and the answer queued.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_to_move_us: Option<f64>,
+    /// From a sample to a decision that was left and taken up again, ms: the slowest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_decided_ms: Option<f64>,
     /// From a sample sent over USB to the answer, by when the next move is decided: the slowest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_round_trip_ms: Option<f64>,
@@ -62,4 +66,18 @@ pub struct Figures {
     pub flash_bytes: u64,
     /// RAM that its variables take, bytes.
     pub ram_bytes: u64,
+}
+
+impl Figures {
+    /// Notes what decisions of a scan took, if they took longer than those known.
+    pub fn decided(&mut self, times: &Times) {
+        let note = |figure: &mut Option<f64>, took: f64, digits: f64| {
+            let took = (took * digits).round() / digits;
+            *figure = Some(figure.map_or(took, |known: f64| known.max(took)));
+        };
+        note(&mut self.sample_decision_us, times.decision_us, 10.0);
+        note(&mut self.sample_decided_ms, times.decided_ms, 1000.0);
+        note(&mut self.sample_to_move_us, times.planned_us, 10.0);
+        note(&mut self.sample_round_trip_ms, times.answer_ms, 1000.0);
+    }
 }

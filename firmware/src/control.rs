@@ -2,6 +2,7 @@
 
 use crate::board::links::{ARRIVED, Bytes, SERIAL, USB};
 use crate::board::watchdog::{Part, check_in};
+use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, with_timeout};
 use parfocal_firmware::controller::{Controller, Link};
 use parfocal_firmware::port::{Port, Received, encode_message, encode_stranger};
@@ -33,8 +34,13 @@ pub async fn run<B: Board>(controller: &mut Controller<B>) -> ! {
         heard: false,
     });
     loop {
-        // Either bytes have come or the tick is over; both mean: look.
-        let _ = with_timeout(TICK, ARRIVED.wait()).await;
+        if controller.is_thinking() {
+            // Others have their turn, and it goes on.
+            yield_now().await;
+        } else {
+            // Either bytes have come or the tick is over; both mean: look.
+            let _ = with_timeout(TICK, ARRIVED.wait()).await;
+        }
         check_in(Part::Control);
         for connection in &mut connections {
             connection.answer(controller);

@@ -311,6 +311,11 @@ impl<B: Board> Controller<B> {
         })
     }
 
+    /// Whether a scan has something to work out: [`Controller::poll`] is wanted at once.
+    pub fn is_thinking(&self) -> bool {
+        self.focusing.is_thinking()
+    }
+
     fn scan_event(&mut self, now: BoardTime) -> Option<Event> {
         self.focusing.poll(now, &mut self.motion, &mut self.board)
     }

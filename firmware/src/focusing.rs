@@ -23,6 +23,8 @@ enum Doing {
     Sweeping(Leg),
     /// Decelerating, to take up what was asked next.
     Ending { next: Ask },
+    /// At rest, while the scan works out what is next.
+    Thinking,
     /// On its last way, without samples.
     Leaving,
 }
@@ -77,7 +79,7 @@ impl Focusing {
             (Some(running), _) => match running.doing {
                 Doing::Waiting { wanted, .. } => ScanState::Waiting(wanted),
                 Doing::Sweeping(_) => ScanState::Sweeping(running.parameters.scan),
-                Doing::Approaching | Doing::Ending { .. } | Doing::Leaving => {
+                Doing::Approaching | Doing::Ending { .. } | Doing::Thinking | Doing::Leaving => {
                     ScanState::Moving(running.parameters.scan)
                 }
             },
@@ -225,6 +227,11 @@ impl Focusing {
         }
     }
 
+    /// Whether there is something to work out: [`Focusing::poll`] is wanted at once.
+    pub fn is_thinking(&self) -> bool {
+        !self.interrupted && self.running.as_ref().is_some_and(|running| running.scan.is_thinking())
+    }
+
     /// What happens by itself: arrivals, samples told again, samples that stop coming.
     pub fn poll(&mut self, now: BoardTime, motion: &mut Motion, board: &mut impl Board) -> Option<Event> {
         if let Some(running) = self.running.as_mut() {
@@ -270,7 +277,8 @@ impl Focusing {
 impl Running {
     /// Does what the scan asks.
     fn obey(&mut self, now: BoardTime, ask: Ask, motion: &mut Motion, board: &mut impl Board) {
-        if ask == Ask::Wait {
+        if ask == Ask::Wait || (ask == Ask::Think && self.scan.is_searching() && self.sweeps()) {
+            // A sweep goes on while the search thinks.
             return;
         }
         if let Doing::Sweeping(leg) = &mut self.doing {
@@ -291,6 +299,7 @@ impl Running {
         }
         match ask {
             Ask::Wait | Ask::Ended(_) => {}
+            Ask::Think => self.doing = Doing::Thinking,
             Ask::Sample { z } => self.go(now, z, Ending::Direct, Doing::Approaching, motion, board),
             Ask::Sweep { to } => {
                 let leg = Leg { to, told: now, heard: now, turning: false, ended: None };
@@ -330,13 +339,21 @@ impl Running {
 
     /// Looks whether the axis has arrived, and whether samples still come.
     fn advance(&mut self, now: BoardTime, motion: &mut Motion, board: &mut impl Board) {
+        if self.scan.is_thinking() {
+            let ask = self.scan.think();
+            match &mut self.doing {
+                Doing::Ending { next } => *next = ask,
+                _ => self.obey(now, ask, motion, board),
+            }
+            return;
+        }
         let patience = u64::from(self.parameters.sample_timeout.0) * 1000;
         match self.doing {
             Doing::Waiting { asked, .. } if now.since(asked) > patience => {
                 let ask = self.scan.abort(ScanRefusal::SamplesStopped);
                 self.obey(now, ask, motion, board);
             }
-            Doing::Waiting { .. } => {}
+            Doing::Waiting { .. } | Doing::Thinking => {}
             Doing::Sweeping(leg) if now.since(leg.heard) > patience => {
                 let ask = self.scan.abort(ScanRefusal::SamplesStopped);
                 self.obey(now, ask, motion, board);
@@ -360,6 +377,10 @@ impl Running {
                 self.obey(now, next, motion, board);
             }
         }
+    }
+
+    fn sweeps(&self) -> bool {
+        matches!(self.doing, Doing::Sweeping(_))
     }
 
     fn here(&self, motion: &Motion, board: &mut impl Board) -> Nanometres {

@@ -79,6 +79,7 @@ fn play(seed: u64, strange: u64) -> bool {
                 at = Nanometres(at.0.saturating_add((i64::from(to.0) - i64::from(at.0)).clamp(-700, 700) as i32));
                 if at == to { scan.arrived(to) } else { scan.sample(at, draw.value()) }
             }
+            Ask::Think => scan.think(),
             Ask::Wait => scan.arrived(at),
             Ask::Ended(_) => break,
         };

@@ -117,8 +117,14 @@ impl VirtualBoard {
                 self.take(now, byte);
             }
         }
-        while let Some(event) = self.controller.poll(time) {
-            self.put(now, &event);
+        loop {
+            while let Some(event) = self.controller.poll(time) {
+                self.put(now, &event);
+            }
+            // Thoughts take no time here.
+            if !self.controller.is_thinking() {
+                break;
+            }
         }
         let dt = now - self.lived;
         self.lived = now;

@@ -61,6 +61,7 @@ impl Column {
             ask = match ask {
                 Ask::Sample { z } => scan.sample(z, Ok(FocusValue(self.phi(f64::from(z.0))))),
                 Ask::Go { z } => scan.arrived(z),
+                Ask::Think => scan.think(),
                 Ask::Ended(outcome) => return (outcome, scan.summary()),
                 Ask::Sweep { .. } | Ask::Wait => unreachable!("a stepwise scan"),
             };

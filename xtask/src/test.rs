@@ -57,7 +57,7 @@ impl Arguments {
 }
 
 /// Scenarios of the emulated board that every check plays.
-const EVERY_TIME: [&str; 16] = [
+const EVERY_TIME: [&str; 17] = [
     "serial",
     "usb",
     "edges",
@@ -65,6 +65,7 @@ const EVERY_TIME: [&str; 16] = [
     "cost",
     "telemetry",
     "scan",
+    "scan-noise",
     "scan-serial",
     "trigger",
     "stop",

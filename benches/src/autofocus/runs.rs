@@ -99,6 +99,7 @@ fn board(curve: &Truth, strategy: Strategy, z0: f64, noise: f64, j0: f64) -> Res
                 walk.way.push(z.micrometres().0);
                 scan.arrived(z)
             }
+            Ask::Think => scan.think(),
             Ask::Ended(_) => return Ok(walk),
             Ask::Sweep { .. } | Ask::Wait => bail!("curve {}: a stepwise scan wants to sweep", curve.id),
         };

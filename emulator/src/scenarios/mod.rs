@@ -7,9 +7,13 @@ mod focus;
 mod hello;
 mod leaving;
 mod motion;
+mod noise;
 mod rates;
 mod rest;
+mod scans;
 mod trigger;
+
+pub use scans::Times;
 
 use crate::Machine;
 use crate::figures::Figures;
@@ -53,6 +57,16 @@ pub const ALL: &[Scenario] = &[
         name: "scan",
         shows: "a scan over USB visits the same places as in the simulator",
         play: focus::over_usb,
+    },
+    Scenario {
+        name: "scan-noise",
+        shows: "scans on noisy curves: no decision holds the board up",
+        play: noise::short,
+    },
+    Scenario {
+        name: "scan-long",
+        shows: "the same over all ranges and noises of the bench",
+        play: noise::long,
     },
     Scenario { name: "scan-serial", shows: "the same scan over USART3", play: focus::over_serial },
     Scenario {

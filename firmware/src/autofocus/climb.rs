@@ -8,14 +8,17 @@
 //! start and at the end of the first probe, two at each place, as many as way is made, and the rest on the way back
 //! ([`super::refine`]).
 
+use core::cell::Cell;
 use core::f64::consts::SQRT_2;
 
 use super::curve::{Curve, Place, STRIDE, Side, magnitude};
 use super::exact::doubled;
 use super::noise::root;
-use super::peak;
 use super::refine::{self, Refine};
+use super::rivals::Rivals;
 use super::search::{Lengths, Next, Search};
+use super::work::Slice;
+use core::task::{Poll, ready};
 
 /// Equal frames at the start after which the values are taken to be free of noise.
 const SILENCE: u32 = 3;
@@ -62,38 +65,69 @@ pub struct Climb {
     lengths: Lengths,
     heading: Option<Side>,
     turned: bool,
-    refine: Option<Refine>,
+    way: Way,
 }
+
+/// Which way it goes, and what is being worked out for the next decision.
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a board has no heap, and one of them at a time")]
+enum Way {
+    Out(Thought),
+    Back(Refine),
+}
+
+/// What is known of the curve as it is.
+#[derive(Clone, Debug, Default)]
+struct Thought {
+    /// By side.
+    done: [Option<bool>; 2],
+    /// Tops that may be the best, and the farthest of them so far.
+    first: Option<(Rivals, Option<Place>)>,
+}
+
+/// What it costs to see whether a side is done, and which way to go; with noise there are roots to draw.
+const DONE: i32 = 800;
+const NOISY_DONE: i32 = 10_000;
 
 impl Climb {
     /// A climb with these lengths.
     pub fn new(lengths: Lengths) -> Self {
-        Self { lengths, heading: None, turned: false, refine: None }
+        Self { lengths, heading: None, turned: false, way: Way::Out(Thought::default()) }
     }
 
     /// The next place on the way out; `None` when both sides are seen.
-    fn walk(&mut self, curve: &Curve, heading: Side) -> Option<Place> {
+    fn walk(&mut self, curve: &Curve, heading: Side, slice: &mut Slice) -> Poll<Option<Place>> {
         let here = curve.here();
         let quiet = curve.noise().is_silent();
         let frames = || curve.at(here).map_or(0, |c| c.frames);
         let spare = !self.lengths.sweeping && !quiet && refine::allowance(curve) > 0;
         if spare && here.0 != 0 && frames() < FRAMES {
-            return Some(here);
+            return Poll::Ready(Some(here));
         }
-        let heading = match (self.done(curve, Side::Low), self.done(curve, Side::High)) {
-            (true, true) => return None,
+        let (low, high) = (ready!(self.done(curve, Side::Low, slice)), ready!(self.done(curve, Side::High, slice)));
+        if slice.is_over() {
+            return Poll::Pending;
+        }
+        let heading = match (low, high) {
+            (true, true) => return Poll::Ready(None),
             (true, false) => Side::High,
             (false, true) => Side::Low,
             (false, false) => {
-                // What takes many software floats is worked out where it decides.
-                let rise = || {
+                // What takes many software floats is worked out where it decides, and once.
+                let known = Cell::new(None);
+                let work_out = || {
                     let sigma = curve.noise().relative() * magnitude(curve.reference());
                     let significance = curve.trend().significance(sigma);
+                    known.set(Some(significance));
+                    significance
+                };
+                let rise = || {
+                    let significance = known.get().unwrap_or_else(work_out);
                     if heading == Side::Low { -significance } else { significance }
                 };
                 let probed = here.0 == self.lengths.probe * heading.sign() && curve.seen(heading.other()).0 == 0;
                 if spare && probed && frames() < STAY && magnitude(rise()) < TURN + ODDS {
-                    return Some(here);
+                    return Poll::Ready(Some(here));
                 }
                 let falls = || {
                     let rise = rise();
@@ -104,17 +138,17 @@ impl Climb {
                 if quiet && !self.turned && self.top_between(curve, heading) {
                     self.turned = true;
                     self.heading = Some(heading.other());
-                    return Some(self.step(curve, heading.other(), quiet));
+                    return Poll::Ready(Some(self.step(curve, heading.other(), quiet)));
                 }
                 if self.turned {
-                    return Some(self.step(curve, heading, quiet));
+                    return Poll::Ready(Some(self.step(curve, heading, quiet)));
                 }
                 // A fall behind means that a top is being crossed: its far side comes first.
                 if begun && falls() && !fell(curve, heading.other()) { heading.other() } else { heading }
             }
         };
         self.heading = Some(heading);
-        Some(self.step(curve, heading, quiet))
+        Poll::Ready(Some(self.step(curve, heading, quiet)))
     }
 
     /// The next place in a direction.
@@ -138,30 +172,61 @@ impl Climb {
 
     /// Of the tops that may be the best, the farthest from one side. All local maxima lie within the trap radius of the peak: so
     /// does the peak of this one.
-    fn first(&self, curve: &Curve, best: Place, side: Side) -> Place {
-        let (far, near) = (best.0 - side.sign() * self.lengths.trap, best.0 + side.sign() * STRIDE);
-        let (from, to) = (Place(far.min(near)), Place(far.max(near)));
-        let tops = peak::rivals(curve, from, to).map(|(place, _)| place);
-        tops.min_by_key(|place| place.0 * side.sign()).unwrap_or(best)
+    fn first(&mut self, curve: &Curve, best: Place, side: Side, slice: &mut Slice) -> Poll<Place> {
+        let Way::Out(thought) = &mut self.way else { return Poll::Ready(best) };
+        let (rivals, first) = thought.first.get_or_insert_with(|| {
+            let (far, near) = (best.0 - side.sign() * self.lengths.trap, best.0 + side.sign() * STRIDE);
+            (Rivals::new(curve, Place(far.min(near)), Place(far.max(near))), None)
+        });
+        while let Some((place, _)) = ready!(rivals.next(curve, slice)) {
+            if first.is_none_or(|first| place.0 * side.sign() < first.0 * side.sign()) {
+                *first = Some(place);
+            }
+        }
+        let first = first.unwrap_or(best);
+        thought.first = None;
+        Poll::Ready(first)
     }
 
     /// Whether a side needs no more looking at.
-    fn done(&self, curve: &Curve, side: Side) -> bool {
-        let Some((best, _)) = curve.best() else { return false };
+    fn done(&mut self, curve: &Curve, side: Side, slice: &mut Slice) -> Poll<bool> {
+        if let Way::Out(Thought { done, .. }) = &self.way
+            && let Some(known) = done[side as usize]
+        {
+            return Poll::Ready(known);
+        }
+        if slice.is_over() {
+            return Poll::Pending;
+        }
+        let done = ready!(self.is_done(curve, side, slice));
+        if let Way::Out(thought) = &mut self.way {
+            thought.done[side as usize] = Some(done);
+        }
+        Poll::Ready(done)
+    }
+
+    fn is_done(&mut self, curve: &Curve, side: Side, slice: &mut Slice) -> Poll<bool> {
+        let Some((best, _)) = curve.best() else { return Poll::Ready(false) };
         let past = |p: Place| (curve.seen(side).0 - p.0) * side.sign();
         let quiet = curve.noise().is_silent();
+        slice.spend(DONE);
         if quiet && rises(curve, side) {
             // A top right at the end must be crossed.
-            return curve.ahead(side) < STRIDE;
+            return Poll::Ready(curve.ahead(side) < STRIDE);
         }
         if curve.ahead(side) < STRIDE {
-            return true;
+            return Poll::Ready(true);
         }
         // What costs most comes last.
         let far = past(best) >= self.lengths.trap;
-        (far || (quiet && past(best) > STRIDE))
-            && fell(curve, side)
-            && (far || past(self.first(curve, best, side)) >= self.lengths.trap)
+        if !(far || (quiet && past(best) > STRIDE)) {
+            return Poll::Ready(false);
+        }
+        slice.spend(if quiet { DONE } else { NOISY_DONE });
+        if !fell(curve, side) {
+            return Poll::Ready(false);
+        }
+        Poll::Ready(far || past(ready!(self.first(curve, best, side, slice))) >= self.lengths.trap)
     }
 }
 
@@ -217,7 +282,7 @@ pub fn fell(curve: &Curve, side: Side) -> bool {
 
 impl Search for Climb {
     fn next(&mut self, curve: &Curve) -> Next {
-        if let Some(refine) = &mut self.refine {
+        if let Way::Back(refine) = &mut self.way {
             return refine.next(curve);
         }
         let sense = if curve.noise().is_none() { SILENCE } else { SENSE };
@@ -229,10 +294,17 @@ impl Search for Climb {
             None => Side::Low,
         };
         self.heading = Some(heading);
-        match self.walk(curve, heading) {
-            Some(place) => Next::Sample(place),
+        let Poll::Ready(walked) = self.walk(curve, heading, &mut Slice::new()) else { return Next::Thinking };
+        match walked {
+            Some(place) => {
+                self.way = Way::Out(Thought::default());
+                Next::Sample(place)
+            }
             None if self.lengths.sweeping => Next::Enough,
-            None => self.refine.insert(Refine::new(self.lengths.trap)).next(curve),
+            None => {
+                self.way = Way::Back(Refine::new(self.lengths.trap));
+                Next::Thinking
+            }
         }
     }
 }

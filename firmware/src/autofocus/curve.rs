@@ -3,6 +3,8 @@
 use super::exact::{added, divided};
 use super::noise::{Noise, Trend};
 use super::tops::{self, Tops};
+use super::work::Slice;
+use core::task::Poll;
 use parfocal_protocol::units::{FocusValue, Nanometres};
 
 /// Places that a curve keeps; the oldest on the same slot is forgotten.
@@ -114,6 +116,8 @@ pub struct Curve {
     rest: Trend,
     revisits: Level,
     tops: Tops,
+    /// The latest frame's place, and how many of the places around it are settled.
+    unsettled: Option<(Place, usize)>,
     slots: [Slot; CELLS],
     bins: [Bin; Curve::BINS],
 }
@@ -142,6 +146,7 @@ impl Curve {
             rest: Trend::default(),
             revisits: Level::default(),
             tops: Tops::default(),
+            unsettled: None,
             slots: [Slot { mean: 0.0, off: 0.0, place: 0, frames: 0 }; CELLS],
             bins: [Bin::default(); Self::BINS],
         }
@@ -291,9 +296,15 @@ impl Curve {
         }
         self.visit(z);
         self.sum_up(place, value);
-        if self.noise.is_silent() {
-            tops::update(self, Place(place));
-        }
+        self.unsettled = self.noise.is_silent().then_some((Place(place), 0));
+    }
+
+    /// Works out the tops that the latest frame made or changed, so that no later decision has to do it for many at once.
+    pub(super) fn settle(&mut self, slice: &mut Slice) -> Poll<()> {
+        let Some((place, done)) = self.unsettled else { return Poll::Ready(()) };
+        let (done, settled) = tops::update(self, place, done, slice);
+        self.unsettled = settled.is_pending().then_some((place, done));
+        settled
     }
 
     /// The tops that are kept.

@@ -28,6 +28,7 @@
 //!     ask = match ask {
 //!         Ask::Sample { z } => scan.sample(z, Ok(phi(z))),
 //!         Ask::Go { z } => scan.arrived(z),
+//!         Ask::Think => scan.think(),
 //!         Ask::Ended(outcome) => break outcome,
 //!         Ask::Sweep { .. } | Ask::Wait => unreachable!("a stepwise scan"),
 //!     };
@@ -39,6 +40,7 @@
 pub mod climb;
 pub mod curve;
 mod exact;
+mod finding;
 mod fit;
 mod judge;
 mod mixed;
@@ -46,9 +48,12 @@ mod noise;
 mod parameters;
 pub mod peak;
 mod refine;
+mod rivals;
 mod scan;
 pub mod search;
 mod tops;
+mod valley;
 mod whole;
+mod work;
 
 pub use scan::{Ask, Scan, Summary};

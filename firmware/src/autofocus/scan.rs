@@ -1,11 +1,13 @@
 //! A scan from its first frame to its end: faults, legs of a sweep, the judgement, the last move, the last look.
 
 use super::curve::{Curve, Side, magnitude};
-use super::judge::judge;
+use super::judge::Judging;
 use super::noise::root;
 use super::parameters::check;
 use super::peak::Peak;
 use super::search::{Lengths, Named, Next, Search};
+use super::work::Slice;
+use core::task::Poll;
 use parfocal_protocol::autofocus::{FrameFault, Mode, Outcome, ScanParameters, ScanRefusal, Subject};
 use parfocal_protocol::message::Refusal;
 use parfocal_protocol::units::{FocusValue, Nanometres};
@@ -30,6 +32,9 @@ pub enum Ask {
         /// Where.
         z: Nanometres,
     },
+    /// There is more to work out than is done at once: call [`Scan::think`] until the answer is another one. No frames are
+    /// wanted meanwhile; those of a sweep that come all the same may be told.
+    Think,
     /// Nothing new: go on with what was asked last.
     Wait,
     /// The scan is over.
@@ -67,6 +72,8 @@ const DOUBT: f64 = 5.0;
 enum Stage {
     /// The search asks for frames.
     Searching,
+    /// The search is over, and its curve is judged.
+    Judging,
     /// On the way to the result, which is not told before it is reached.
     Leaving(Outcome),
     /// The last look.
@@ -75,11 +82,21 @@ enum Stage {
     Ended(Outcome),
 }
 
+/// What is worked out.
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a board has no heap, and one of them at a time")]
+enum Task {
+    Search(Named),
+    Judge(Judging),
+}
+
 /// A running scan.
 #[derive(Clone, Debug)]
 pub struct Scan {
     curve: Curve,
-    search: Named,
+    task: Task,
+    /// Whether [`Scan::think`] is waited for.
+    thinking: bool,
     mode: Mode,
     subject: Subject,
     verify: bool,
@@ -108,7 +125,8 @@ impl Scan {
         let asked = Ask::Sample { z: z0 };
         let scan = Self {
             curve,
-            search: Named::new(parameters.strategy, lengths),
+            task: Task::Search(Named::new(parameters.strategy, lengths)),
+            thinking: false,
             mode: parameters.mode,
             subject: parameters.subject,
             verify: parameters.verify,
@@ -128,9 +146,15 @@ impl Scan {
 
     /// Takes in a value, or why there is none, from `z`; in a sweep in the order of exposure.
     pub fn sample(&mut self, z: Nanometres, value: Result<FocusValue, FrameFault>) -> Ask {
+        let before = self.think_to_the_end();
         if !matches!(self.stage, Stage::Searching | Stage::Verifying { .. }) {
-            return Ask::Wait;
+            return before;
         }
+        let ask = self.take(z, value);
+        if ask == Ask::Wait { before } else { ask }
+    }
+
+    fn take(&mut self, z: Nanometres, value: Result<FocusValue, FrameFault>) -> Ask {
         self.reach(z);
         let value = match value {
             Ok(value) if value.0.is_finite() => value,
@@ -147,6 +171,7 @@ impl Scan {
 
     /// A move without a sample, or a leg of a sweep, is over: the axis rests at `z`.
     pub fn arrived(&mut self, z: Nanometres) -> Ask {
+        self.think_to_the_end();
         self.reach(z);
         match (self.stage, self.asked) {
             (Stage::Leaving(Outcome::Focused), _) if self.verify => {
@@ -159,14 +184,46 @@ impl Scan {
                 self.asked = Ask::Wait;
                 self.search_on()
             }
+            (Stage::Judging, _) => Ask::Think,
             _ => self.asked,
         }
+    }
+
+    /// Goes on with what is being worked out, for a slice of time. What comes of it does not depend on when this is called.
+    // A function of its own in the program, too: the emulator counts what it takes.
+    #[inline(never)]
+    pub fn think(&mut self) -> Ask {
+        match self.stage {
+            Stage::Searching if self.thinking => self.search_on(),
+            Stage::Judging => self.judge_on(),
+            _ => self.asked,
+        }
+    }
+
+    /// Whether [`Scan::think`] is waited for.
+    pub fn is_thinking(&self) -> bool {
+        self.thinking
+    }
+
+    /// Whether frames are still wanted.
+    pub fn is_searching(&self) -> bool {
+        self.stage == Stage::Searching
+    }
+
+    /// A frame of a sweep came before the search knew what to make of those before it.
+    fn think_to_the_end(&mut self) -> Ask {
+        let mut ask = Ask::Wait;
+        while self.thinking && self.stage == Stage::Searching {
+            ask = self.search_on();
+        }
+        ask
     }
 
     /// Ends the scan for a reason from outside, and returns to its start.
     pub fn abort(&mut self, why: ScanRefusal) -> Ask {
         match self.stage {
-            Stage::Searching | Stage::Verifying { .. } | Stage::Leaving(Outcome::Focused) => {
+            Stage::Searching | Stage::Judging | Stage::Verifying { .. } | Stage::Leaving(Outcome::Focused) => {
+                self.thinking = false;
                 self.stage = Stage::Leaving(Outcome::Refused(why));
                 self.ask(Ask::Go { z: self.start })
             }
@@ -209,6 +266,7 @@ impl Scan {
     }
 
     fn end(&mut self, outcome: Outcome) -> Ask {
+        self.thinking = false;
         self.stage = Stage::Ended(outcome);
         self.ask(Ask::Ended(outcome))
     }
@@ -237,9 +295,22 @@ impl Scan {
             // A sweep without a single frame.
             return self.abort(ScanRefusal::SamplesStopped);
         }
-        let place = match self.search.next(&self.curve) {
-            Next::Enough => return self.conclude(),
+        let mut slice = Slice::new();
+        if self.curve.settle(&mut slice).is_pending() || slice.is_begun() {
+            self.thinking = true;
+            return Ask::Think;
+        }
+        let Task::Search(search) = &mut self.task else { return self.asked };
+        let next = search.next(&self.curve);
+        self.thinking = !matches!(next, Next::Sample(_));
+        let place = match next {
             Next::Sample(place) => place,
+            Next::Thinking => return Ask::Think,
+            Next::Enough => {
+                self.task = Task::Judge(Judging::new(self.trap, self.subject, self.mode == Mode::Sweep));
+                self.stage = Stage::Judging;
+                return Ask::Think;
+            }
         };
         let here = self.curve.here();
         if self.mode == Mode::Step || place == here {
@@ -250,14 +321,17 @@ impl Scan {
         if self.asked == leg { Ask::Wait } else { self.ask(leg) }
     }
 
-    fn conclude(&mut self) -> Ask {
-        match judge(&self.curve, self.trap, self.subject, self.mode == Mode::Sweep) {
-            Ok(peak) => {
+    fn judge_on(&mut self) -> Ask {
+        let Task::Judge(judging) = &mut self.task else { return self.asked };
+        match judging.step(&self.curve, &mut Slice::new()) {
+            Poll::Pending => Ask::Think,
+            Poll::Ready(Ok(peak)) => {
+                self.thinking = false;
                 self.found = Some(peak);
                 self.stage = Stage::Leaving(Outcome::Focused);
                 self.ask(Ask::Go { z: self.curve.exactly(peak.at) })
             }
-            Err(why) => self.abort(why),
+            Poll::Ready(Err(why)) => self.abort(why),
         }
     }
 

@@ -11,6 +11,8 @@ use parfocal_protocol::autofocus::{Mode, ScanParameters, Strategy};
 pub enum Next {
     /// A frame at this place; the same place again means one more frame.
     Sample(Place),
+    /// Not decided yet: there is more to work out than a slice holds. Ask again, with the same curve.
+    Thinking,
     /// Enough is seen.
     Enough,
 }

@@ -3,6 +3,8 @@
 
 use super::curve::{Curve, Place};
 use super::peak::{self, Peak};
+use super::work::Slice;
+use core::task::Poll;
 use heapless::Vec;
 
 /// Tops that are kept; were there more, they are worked out again when they are asked for.
@@ -48,17 +50,29 @@ impl Tops {
     }
 }
 
-/// Works out the tops that a new sample made or changed, so that no later decision has to do it for many at once.
-pub fn update(curve: &mut Curve, place: Place) {
+/// What it costs to work a top out.
+const WORKED_OUT: i32 = 6_000;
+
+/// Works out the tops that a new sample at a place made or changed; `done` of the places around it are settled already, and in
+/// the end so many.
+pub fn update(curve: &mut Curve, place: Place, mut done: usize, slice: &mut Slice) -> (usize, Poll<()>) {
     // A top depends on two known places to each side.
     let (low, high) = (peak::near(curve, place, -1), peak::near(curve, place, 1));
     let (lower, higher) = (low.and_then(|p| peak::near(curve, p, -1)), high.and_then(|p| peak::near(curve, p, 1)));
-    for place in [lower, low, Some(place), high, higher].into_iter().flatten() {
-        if peak::is_top(curve, place)
+    for place in [lower, low, Some(place), high, higher].into_iter().skip(done) {
+        if slice.is_over() {
+            return (done, Poll::Pending);
+        }
+        done += 1;
+        if let Some(place) = place
+            && peak::is_top(curve, place)
             && curve.tops().at(place).is_none()
-            && let Some(top) = peak::work_out(curve, place)
         {
-            curve.tops_mut().keep(top);
+            slice.spend(WORKED_OUT);
+            if let Some(top) = peak::work_out(curve, place) {
+                curve.tops_mut().keep(top);
+            }
         }
     }
+    (done, Poll::Ready(()))
 }

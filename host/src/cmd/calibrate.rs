@@ -62,7 +62,7 @@ pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow
         Action::Objective(objective) => objective.run(connection, out),
         Action::Pipette(pipette) => pipette.run(connection, out),
         Action::Latency(latency) => latency.run(connection, out),
-        Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::Coarse(arguments) => coarse::run(&arguments, connection, out),
         Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }

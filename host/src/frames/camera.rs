@@ -2,13 +2,14 @@
 
 use crate::picture::{Picture, Roi};
 use parfocal_protocol::units::HostTime;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// One camera frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// What it shows.
-    pub picture: Picture,
+    /// What it shows; shared, never copied on its way to who looks at it.
+    pub picture: Arc<Picture>,
     /// Number of the frame since the camera started, gaps included when the camera dropped some.
     pub number: u64,
     /// Begin and end of the exposure by the host's clock; `None` when the camera does not tell.
@@ -47,6 +48,14 @@ pub enum CameraError {
         camera: String,
         /// How long.
         millis: u64,
+    },
+    /// It was never there.
+    #[error("the camera {camera} cannot be used: {reason}")]
+    Unopened {
+        /// Its name.
+        camera: String,
+        /// Why not, and what to do.
+        reason: String,
     },
     /// It went away.
     #[error("the camera {camera} ended: {reason}")]

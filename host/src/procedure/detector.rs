@@ -32,7 +32,7 @@ impl PointFinder for DetectorFinder {
             return Err(unseen());
         }
         let known = self.known.as_ref().filter(|(subject, _)| *subject == hint.subject).map(|(_, angle)| *angle);
-        let expect = Expect { angle_deg: known.or(self.expect.angle_deg), ..self.expect };
+        let expect = Expect { angle_deg: hint.angle_deg.or(known).or(self.expect.angle_deg), ..self.expect };
         let tip = detect(&frame.picture.view(), &expect).ok_or_else(unseen)?;
         let found = Found {
             at: FramePixel { x_px: tip.x_px, y_px: tip.y_px },

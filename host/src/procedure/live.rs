@@ -70,6 +70,7 @@ pub struct LiveRig<'a> {
     focuser: &'a mut dyn Focuser,
     progress: &'a mut dyn FnMut(Progress),
     window: Window,
+    angle_deg: Option<f64>,
 }
 
 /// A point that was found, in the sensor's pixels.
@@ -105,7 +106,7 @@ impl<'a> LiveRig<'a> {
         let guard = Guard::new(parts.stage, parts.rig, parts.keep_on);
         let Parts { camera, focuser, progress, rig, .. } = parts;
         let sensor = Sensor { width_px: 0, height_px: 0 };
-        let mut live = Self { guard, camera, focuser, progress, window: Window::whole(sensor) };
+        let mut live = Self { guard, camera, focuser, progress, window: Window::whole(sensor), angle_deg: None };
         let frame = live.fresh_frame()?;
         let (w, h) = (frame.picture.width, frame.picture.height);
         live.window = match &rig.contents().camera {
@@ -127,6 +128,11 @@ impl<'a> LiveRig<'a> {
     /// The rig's file.
     pub fn rig(&self) -> &'a Rig {
         self.guard.rig()
+    }
+
+    /// The direction in which the tip that is looked for from now on points in frames, degrees from x (right) towards y (down).
+    pub fn expect_angle(&mut self, angle_deg: f64) {
+        self.angle_deg = Some(angle_deg);
     }
 
     /// Tells how it goes.
@@ -230,7 +236,8 @@ impl<'a> LiveRig<'a> {
             let [a, b] = [unit, FramePixel { x_px: 1.0, ..unit }].map(|at| self.window.to_sensor(at).x_px);
             px / (b - a)
         };
-        let hint = Hint { subject: subject.clone(), expected: expected.map(to_frame), within_px: within_px.map(scale) };
+        let (expected, within_px) = (expected.map(to_frame), within_px.map(scale));
+        let hint = Hint { subject: subject.clone(), expected, within_px, angle_deg: self.angle_deg };
         let found = finder.find(&frame, &hint)?;
         if !hint.allows(found.at) {
             let off = hint.expected.map_or(0.0, |e| e.distance_px(found.at));

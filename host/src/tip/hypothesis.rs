@@ -1,7 +1,9 @@
 //! Pipettes that may be there, and how sure each is.
 
-use super::fit::{self, Fit, Patch, Prior, Seam};
+use super::drawn::Seam;
+use super::fit::{self, Fit, Prior};
 use super::model::Cone;
+use super::patch::Patch;
 use super::pyramid::Level;
 use super::search::Candidate;
 use super::verify::{Explained, explained};

@@ -5,13 +5,14 @@
 //! explains at every distance says how sure it is ([`verify`], [`hypothesis`]); where the pipette is seen sharply, the place
 //! where its detail ends settles the tip ([`end`]). `docs/tips.md` says how well it does.
 
-mod dual;
+mod drawn;
 mod end;
 mod fit;
 mod hypothesis;
 mod light;
 mod model;
 pub mod motion;
+mod patch;
 mod pyramid;
 mod search;
 mod verify;
@@ -82,11 +83,6 @@ const CLOSER: usize = 3;
 /// 0.32 µm/px and NA 0.8), for dark and bright pipettes, on 8- and 16-bit pictures.
 pub fn detect(view: &View<'_>, expect: &Expect) -> Option<Tip> {
     look(view, expect, 1, light::noise).pop()
-}
-
-/// As [`detect`], in a picture whose noise is smooth.
-fn detect_smooth(view: &View<'_>, expect: &Expect) -> Option<Tip> {
-    look(view, expect, 1, light::smooth_noise).pop()
 }
 
 /// Every tip in a picture, the surest first.

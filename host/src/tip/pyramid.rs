@@ -53,17 +53,17 @@ impl Level {
     }
 }
 
-fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height: usize, step: usize) -> Level {
+pub fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height: usize, step: usize) -> Level {
     let (w, h) = (width / 2, height / 2);
     let mut out = Vec::with_capacity(w * h);
+    let mut sums = vec![0.0_f32; 2 * w];
     for y in 0..h {
         let top = &values[2 * y * stride..][..2 * w];
         let bottom = &values[(2 * y + 1) * stride..][..2 * w];
-        out.extend(
-            top.chunks_exact(2)
-                .zip(bottom.chunks_exact(2))
-                .map(|(a, b)| 0.25 * (a[0].into() + a[1].into() + b[0].into() + b[1].into())),
-        );
+        for ((sum, a), b) in sums.iter_mut().zip(top).zip(bottom) {
+            *sum = (*a).into() + (*b).into();
+        }
+        out.extend(sums.chunks_exact(2).map(|pair| 0.25 * (pair[0] + pair[1])));
     }
     Level { width: w, height: h, step: 2 * step, values: out }
 }

@@ -60,7 +60,7 @@ fn share(levels: &[Level], fit: &Fit, noise: f64, (radius, level): (f64, usize))
         let a = cone.angle + turn;
         let Some((value, x, y)) = level.nearest(cone.x + radius * a.cos(), cone.y + radius * a.sin()) else { continue };
         behind += usize::from(turn.cos() < -0.5);
-        let shapes = drawing.shapes((x - cone.x) as f32, (y - cone.y) as f32);
+        let shapes = drawing.shapes::<true>((x - cone.x) as f32, (y - cone.y) as f32);
         let drawn: f64 = fit.mix.iter().zip(shapes).map(|(m, s)| m * f64::from(s)).sum();
         pairs.push((value, drawn));
     }

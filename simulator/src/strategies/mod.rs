@@ -45,6 +45,7 @@ pub fn run(search: &mut dyn Search, curve: &mut Curve, mut phi: impl FnMut(u32, 
         curve.add(z, FocusValue(value));
         match search.next(curve) {
             Next::Sample(next) => place = next,
+            Next::Thinking => unreachable!("none of these has much to work out"),
             Next::Enough => {
                 way.push(best.1);
                 return (way, frames);

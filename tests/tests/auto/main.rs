@@ -2,6 +2,7 @@
 
 mod eyes;
 mod faults;
+mod recalibrated;
 mod seen;
 mod unattended;
 #[path = "../live/world.rs"]

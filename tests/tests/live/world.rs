@@ -139,7 +139,7 @@ impl Camera for Eye {
         let Some((times, _)) = rig.next_shot(deadline.0) else { return Ok(None) };
         let (w, h) = (rig.model().camera.width, rig.model().camera.height);
         Ok(Some(Frame {
-            picture: Picture::grey8(w, h, vec![0; w * h]).unwrap(),
+            picture: Picture::grey8(w, h, vec![0; w * h]).unwrap().into(),
             number: times.number,
             exposure: Some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),
@@ -301,7 +301,7 @@ impl Camera for Rendered {
         let left = if drawn.is_some() { None } else { part };
         let drawn = drawn.unwrap_or_else(|| shot.render());
         let frame = Frame {
-            picture: Picture::grey16(drawn.width, drawn.height, drawn.pixels).unwrap(),
+            picture: Picture::grey16(drawn.width, drawn.height, drawn.pixels).unwrap().into(),
             number: times.number,
             exposure: Some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),

@@ -22,7 +22,6 @@ pub mod objective;
 pub mod poses;
 pub mod register;
 mod reject;
-pub mod search;
 pub mod sheet;
 mod start;
 #[cfg(test)]
