@@ -57,7 +57,7 @@ const PIXEL_UM: f64 = 0.32;
 const ALIKE: f64 = 0.02;
 
 /// The largest pixels and the smallest that are told from [`PIXEL_UM`], as a factor.
-const EXTREMES: [f64; 2] = [0.25, 16.0];
+const EXTREMES: [f64; 2] = [0.5, 16.0];
 
 /// Halvings of a picture at most.
 const HALVINGS: f64 = 4.0;
@@ -79,6 +79,12 @@ impl Expect {
     fn halvings(&self) -> usize {
         let times = (PIXEL_UM / self.pixel_um).log2().round();
         if times > 0.0 { times.min(HALVINGS) as usize } else { 0 }
+    }
+
+    /// What it adds to the logarithm of the odds that something points where it is expected to: false tips point anywhere.
+    fn log_odds(&self) -> f64 {
+        let share = if self.angle_deg.is_some() { self.tolerance_deg / 180.0 } else { 1.0 };
+        -share.clamp(0.02, 1.0).ln()
     }
 
     fn allows(&self, angle_rad: f64) -> bool {
@@ -112,6 +118,9 @@ fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64)
     let mut levels = pyramid::levels(view, scale);
     let (width, height) = (view.width() as f64 / scale, view.height() as f64 / scale);
     let Some(coarsest) = levels.last() else { return Vec::new() };
+    if width.min(height) <= 2.0 * MARGIN_PX {
+        return Vec::new();
+    }
     let light = light::Light::of(coarsest);
     let noise = noise(&levels[0]).max(f64::MIN_POSITIVE);
     for level in &mut levels {
@@ -124,7 +133,7 @@ fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64)
         .iter()
         .filter(|h| expect.allows(h.fit.cone.angle) && inside(width, height, h.fit.cone.x, h.fit.cone.y))
         .take(most)
-        .map(|h| settle(&levels, h, noise))
+        .map(|h| settle(&levels, h, noise, expect))
         .filter(|tip| tip.confidence >= expect.confidence && inside(width, height, tip.x_px, tip.y_px))
         .map(|tip| Tip { x_px: (tip.x_px + 0.5) * scale - 0.5, y_px: (tip.y_px + 0.5) * scale - 0.5, ..tip })
         .collect()
@@ -147,7 +156,7 @@ const SHARP_END: f64 = 3.0;
 /// A fit that leaves this many times as much as noise would is of something that the model does not know.
 const UNEXPLAINED: f64 = 9.0;
 
-fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
+fn settle(levels: &[Level], best: &Hypothesis, noise: f64, expect: &Expect) -> Tip {
     let polished = hypothesis::polish(levels, noise, best);
     let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
     // Thin glass bends light more than it takes: a real tip may reach farther than its darkness, which the fit then leaves
@@ -166,7 +175,7 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
         }
         None => (cone.x, cone.y, cone.angle),
     };
-    let log_odds = best.log_odds() + if end.is_some() { SHARP_END } else { 0.0 };
+    let log_odds = best.log_odds() + expect.log_odds() + if end.is_some() { SHARP_END } else { 0.0 };
     let degrees = angle.to_degrees().rem_euclid(360.0);
     Tip {
         x_px: x,
