@@ -2,13 +2,15 @@
 //!
 //! `parfocal serve` shows 1280x960 frames of a rendered stack at 50 frames/s. Scans run without a page, then with one that draws
 //! every picture it is sent; each sample's time from its frame's arrival to its value's leaving for the board is told by
-//! `GET /api/curve`. Rounds alternate, so that what else the computer does meets both alike.
+//! `GET /api/curve`. Every round is one scan of either kind, now the one first, now the other, so that what else the computer does
+//! meets both alike. How well the growth is known is told by drawing the rounds again with replacement (Efron 1979).
 
 use anyhow::{Context, bail};
 use clap::Args;
 use image::{GrayImage, Luma};
 use parfocal_simulator::scene::{Exposure, Light, Pipette, Scene, Viewpoint};
 use parfocal_tests::page::Served;
+use rand::{RngExt, SeedableRng};
 use serde_json::json;
 use std::path::Path;
 use std::process::Command;
@@ -21,7 +23,7 @@ use tungstenite::Message;
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Scans without and with a page, each
-    #[arg(long, default_value_t = 8)]
+    #[arg(long, default_value_t = 12)]
     rounds: usize,
     /// One JSON object on stdout
     #[arg(long)]
@@ -45,23 +47,35 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut served = Served::start_program(Command::new(program), &["--camera", &camera]);
     served.take();
     served.post("/api/look", &json!({ "region": { "x": 560, "y": 400, "width": 160, "height": 160 } }));
-    let (mut alone, mut watched, mut rates) = (Vec::new(), Vec::new(), Vec::new());
-    for round in 0..arguments.rounds {
-        eprintln!("round {} of {}", round + 1, arguments.rounds);
-        alone.extend(scan(&served)?);
-        let page = Watching::open(&served)?;
-        let (began, before) = (Instant::now(), page.pictures());
-        watched.extend(scan(&served)?);
-        rates.push((page.pictures() - before) as f64 / began.elapsed().as_secs_f64());
+    let (mut rounds, mut rates) = (Vec::new(), Vec::new());
+    for k in 0..arguments.rounds.max(1) {
+        let mut round = Round::default();
+        for watching in if k % 2 == 0 { [false, true] } else { [true, false] } {
+            if !watching {
+                round.alone = scan(&served)?;
+                continue;
+            }
+            let page = Watching::open(&served)?;
+            let (began, before) = (Instant::now(), page.pictures());
+            round.watched = scan(&served)?;
+            rates.push((page.pictures() - before) as f64 / began.elapsed().as_secs_f64());
+        }
+        let (a, w) = (Quantiles::of(&round.alone)?, Quantiles::of(&round.watched)?);
+        let of = arguments.rounds;
+        eprintln!("round {:2} of {of}: p99 {:.2} ms without, {:.2} ms with a page", k + 1, a.p99, w.p99);
+        rounds.push(round);
     }
     let rate = rates.iter().sum::<f64>() / rates.len() as f64;
-    let (a, w) = (Quantiles::of(&mut alone)?, Quantiles::of(&mut watched)?);
-    eprintln!("                 samples   p50 ms   p99 ms   max ms");
+    let all =
+        |of: fn(&Round) -> &Vec<u64>| rounds.iter().flat_map(|round| of(round).iter().copied()).collect::<Vec<_>>();
+    let (a, w) = (Quantiles::of(&all(|r| &r.alone))?, Quantiles::of(&all(|r| &r.watched))?);
+    let (low, high) = growth_within(&rounds)?;
+    eprintln!("                 samples   p50 ms   p90 ms   p99 ms   max ms");
     for (name, q) in [("without a page", &a), ("with a page", &w)] {
-        eprintln!("{name:<15} {:9} {:8.2} {:8.2} {:8.2}", q.samples, q.p50, q.p99, q.max);
+        eprintln!("{name:<15} {:9} {:8.2} {:8.2} {:8.2} {:8.2}", q.samples, q.p50, q.p90, q.p99, q.max);
     }
     eprintln!(
-        "the p99 grows by {:.2} ms; the page got {rate:.1} pictures of {}x{} a second",
+        "the p99 grows by {:.2} ms (95 % of {REDRAWN} redrawn sets of rounds: {low:.2} to {high:.2} ms); the page got {rate:.1} pictures of {}x{} a second",
         w.p99 - a.p99,
         SIZE.0,
         SIZE.1
@@ -69,27 +83,58 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         println!(
             "{}",
-            json!({ "p99_alone_ms": a.p99, "p99_watched_ms": w.p99, "growth_ms": w.p99 - a.p99, "pictures_per_s": rate })
+            json!({
+                "samples": [a.samples, w.samples], "p50_ms": [a.p50, w.p50], "p99_alone_ms": a.p99, "p99_watched_ms": w.p99,
+                "growth_ms": w.p99 - a.p99, "growth_95_ms": [low, high], "pictures_per_s": rate,
+            })
         );
     }
     Ok(())
 }
 
+/// Sets of rounds that are drawn anew.
+const REDRAWN: usize = 2000;
+
+/// One scan of either kind: latencies, µs.
+#[derive(Default)]
+struct Round {
+    alone: Vec<u64>,
+    watched: Vec<u64>,
+}
+
+/// Between what the growth of the p99 lies in 95 % of sets of rounds drawn with replacement, ms.
+fn growth_within(rounds: &[Round]) -> anyhow::Result<(f64, f64)> {
+    let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(1);
+    let mut growths = Vec::with_capacity(REDRAWN);
+    for _ in 0..REDRAWN {
+        let drawn: Vec<&Round> = (0..rounds.len()).map(|_| &rounds[random.random_range(0..rounds.len())]).collect();
+        let p99 = |of: fn(&Round) -> &Vec<u64>| {
+            Quantiles::of(&drawn.iter().flat_map(|round| of(round).iter().copied()).collect::<Vec<_>>()).map(|q| q.p99)
+        };
+        growths.push(p99(|r| &r.watched)? - p99(|r| &r.alone)?);
+    }
+    growths.sort_unstable_by(f64::total_cmp);
+    Ok((growths[REDRAWN / 40], growths[REDRAWN - 1 - REDRAWN / 40]))
+}
+
 struct Quantiles {
     samples: usize,
     p50: f64,
+    p90: f64,
     p99: f64,
     max: f64,
 }
 
 impl Quantiles {
-    fn of(us: &mut [u64]) -> anyhow::Result<Self> {
+    fn of(us: &[u64]) -> anyhow::Result<Self> {
+        let mut us = us.to_vec();
         us.sort_unstable();
         let at = |share: f64| us.get(((us.len() as f64 - 1.0) * share).round() as usize).map(|v| *v as f64 / 1000.0);
         let none = || anyhow::anyhow!("no sample came");
         Ok(Self {
             samples: us.len(),
             p50: at(0.5).with_context(none)?,
+            p90: at(0.9).with_context(none)?,
             p99: at(0.99).with_context(none)?,
             max: at(1.0).with_context(none)?,
         })
@@ -98,7 +143,7 @@ impl Quantiles {
 
 /// Scans the whole range and gives each sample's latency, µs.
 fn scan(served: &Served) -> anyhow::Result<Vec<u64>> {
-    let answer = served.post("/api/autofocus", &json!({ "strategy": "scan", "sample_step_um": 0.25, "wait": true }));
+    let answer = served.post("/api/autofocus", &json!({ "strategy": "scan", "sample_step_um": 0.1, "wait": true }));
     if answer.status != 200 {
         bail!("the scan failed: {}", answer.json());
     }

@@ -163,7 +163,7 @@ impl Camera for Target {
         self.delivered.push(times.number);
         let picture = self.picture(&times);
         let Stamp { number, exposure, arrival } = self.stamp(&times);
-        Ok(Some(Frame { picture, number, exposure, arrival }))
+        Ok(Some(Frame { picture: picture.into(), number, exposure, arrival }))
     }
 
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {

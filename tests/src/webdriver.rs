@@ -9,6 +9,9 @@ use std::time::{Duration, Instant};
 /// Why there is no browser.
 pub const MISSING: &str = "chromium or chromedriver is missing: apt-get install chromium chromium-driver";
 
+/// How long the browser may take for anything: only a failure takes it.
+const PATIENCE: Duration = Duration::from_secs(60);
+
 /// A browser with one page.
 pub struct Browser {
     driver: Child,
@@ -43,7 +46,7 @@ impl Browser {
             .expect("chromedriver starts");
         let address = format!("127.0.0.1:{port}");
         let mut browser = Self { driver, address, session: String::new(), _profile: profile };
-        let end = Instant::now() + Duration::from_secs(30);
+        let end = Instant::now() + PATIENCE;
         while std::net::TcpStream::connect(&browser.address).is_err() {
             assert!(Instant::now() < end, "chromedriver does not listen");
             std::thread::sleep(Duration::from_millis(50));
@@ -93,6 +96,30 @@ impl Browser {
         self.own("POST", "refresh", &json!({}));
     }
 
+    /// Opens another tab as a person duplicates this one, what is kept for the session copied along, and looks at it. The tab before.
+    ///
+    /// # Panics
+    /// When it does not open.
+    pub fn duplicate(&self) -> String {
+        let before = self.own("GET", "window", &Value::Null).as_str().unwrap_or_default().to_owned();
+        self.run("window.open(location.href)");
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let all = self.own("GET", "window/handles", &Value::Null);
+            if let Some(other) = all.as_array().into_iter().flatten().find(|tab| **tab != json!(before)) {
+                self.look_at(other.as_str().unwrap_or_default());
+                return before;
+            }
+            assert!(Instant::now() < end, "no other tab opens: {all}");
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    }
+
+    /// Looks at another tab.
+    pub fn look_at(&self, tab: &str) {
+        self.own("POST", "window", &json!({ "handle": tab }));
+    }
+
     /// Runs a function's body in the page; what it returns, promises awaited.
     pub fn run(&self, script: &str) -> Value {
         self.own("POST", "execute/sync", &json!({ "script": script, "args": [] }))
@@ -127,14 +154,14 @@ impl Browser {
     /// can be used and stays where it is, as a person's eye does.
     ///
     /// # Panics
-    /// When that does not come about in ten seconds.
+    /// When that does not come about in a minute.
     pub fn middle(&self, selector: &str) -> (f64, f64) {
         let script = format!(
             "const e = document.querySelector({}); if (!e || e.disabled) return null; e.scrollIntoView({{ block: 'nearest' }});
              const b = e.getBoundingClientRect(); return b.width > 0 ? [b.x + b.width / 2, b.y + b.height / 2] : null",
             json!(selector)
         );
-        let end = Instant::now() + Duration::from_secs(10);
+        let end = Instant::now() + PATIENCE;
         let mut before = Value::Null;
         loop {
             let at = self.run(&script);

@@ -1,11 +1,17 @@
 //! Tips in random scenes: a part of what `cargo xtask bench tips` draws from the same file.
 
-use parfocal::picture::Picture;
+use parfocal::picture::{Picture, View};
+use parfocal::tip::motion::detect_vibrating;
 use parfocal::tip::{Expect, Tip, detect};
-use parfocal_simulator::scene::{Drawn, Ranges, Show};
+use parfocal_simulator::scene::{Drawn, Exposure, Ranges, Show};
+use std::f64::consts::TAU;
 
 fn ranges() -> Ranges {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../benches/tips.toml");
+    ranges_of("tips.toml")
+}
+
+fn ranges_of(file: &str) -> Ranges {
+    let path = format!("{}/../benches/{file}", env!("CARGO_MANIFEST_DIR"));
     toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
@@ -39,5 +45,40 @@ fn where_there_is_no_tip_none_is_found() {
             let tip = find(&ranges.draw(show, seed));
             assert!(tip.is_none(), "{show:?} {seed}: {tip:?}");
         }
+    }
+}
+
+/// The tip in a burst of the scene while its pipettes swing sideways by ±1.5 µm, five times a second.
+fn find_vibrating(drawn: &Drawn) -> Option<Tip> {
+    let frame = |k: u32| {
+        let swing = 1.5 * (TAU * 5.0 * f64::from(k) / 30.0 + 1.0).sin();
+        let mut scene = drawn.scene.clone();
+        for pipette in &mut scene.pipettes {
+            let (sin, cos) = pipette.azimuth_rad.sin_cos();
+            pipette.tip_um[0] -= swing * sin;
+            pipette.tip_um[1] += swing * cos;
+        }
+        let exposure = Exposure { seed: drawn.exposure.seed.wrapping_add(u64::from(k)), ..drawn.exposure };
+        let frame = scene.render(&drawn.view, &exposure);
+        Picture::grey16(frame.width, frame.height, frame.pixels).unwrap()
+    };
+    let frames: Vec<Picture> = (0..60).map(frame).collect();
+    let views: Vec<View<'_>> = frames.iter().map(Picture::view).collect();
+    detect_vibrating(&views, 30.0, 5.0, &Expect::default()).unwrap()
+}
+
+#[test]
+fn a_vibrating_tip_is_found_among_cells() {
+    let ranges = ranges_of("tips-clutter.toml");
+    for seed in 20_000..20_003 {
+        let drawn = ranges.draw(Show::Tip, seed);
+        let [x, y] = drawn.seen[0].tip_px;
+        let tip = find_vibrating(&drawn).unwrap_or_else(|| panic!("{seed}: no tip"));
+        let off = (tip.x_px - x).hypot(tip.y_px - y);
+        assert!(off <= 3.0, "{seed}: {off:.2} px");
+    }
+    for show in [Show::Nothing, Show::ShankOnly] {
+        let tip = find_vibrating(&ranges.draw(show, 20_000));
+        assert!(tip.is_none(), "{show:?}: {tip:?}");
     }
 }

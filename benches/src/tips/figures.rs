@@ -1,5 +1,6 @@
 //! What came of the scenes, and the figures that sum it up.
 
+use super::speed::Speed;
 use parfocal::tip::Tip;
 use parfocal_simulator::scene::{Drawn, Seen};
 use serde::Serialize;
@@ -61,7 +62,10 @@ pub struct Report {
     summaries: Vec<Summary>,
     empty_scenes: usize,
     false_tips: usize,
+    empty_bursts: usize,
+    false_tips_of_bursts: usize,
     detect_ms_median: f64,
+    speed: Option<Speed>,
     rows: Vec<Row>,
 }
 
@@ -69,7 +73,7 @@ pub struct Report {
 const WRONG_PX: f64 = 20.0;
 
 impl Report {
-    pub fn new(rows: Vec<Row>) -> Self {
+    pub fn new(rows: Vec<Row>, speed: Option<Speed>) -> Self {
         let mut summaries = Vec::new();
         for show in ["tip", "burst"] {
             for limit in [3.0, 10.0] {
@@ -81,13 +85,17 @@ impl Report {
             }
         }
         let empty = |r: &&Row| r.show == "nothing" || r.show == "shank";
-        let mut times: Vec<f64> = rows.iter().filter(|r| r.show != "burst").map(|r| r.detect_ms).collect();
+        let empty_burst = |r: &&Row| r.show.starts_with("burst of");
+        let mut times: Vec<f64> = rows.iter().filter(|r| !r.show.starts_with("burst")).map(|r| r.detect_ms).collect();
         times.sort_by(f64::total_cmp);
         Self {
             summaries,
             empty_scenes: rows.iter().filter(empty).count(),
             false_tips: rows.iter().filter(empty).filter(|r| r.tip.is_some()).count(),
+            empty_bursts: rows.iter().filter(empty_burst).count(),
+            false_tips_of_bursts: rows.iter().filter(empty_burst).filter(|r| r.tip.is_some()).count(),
             detect_ms_median: times.get(times.len() / 2).copied().unwrap_or_default(),
+            speed,
             rows,
         }
     }
@@ -103,8 +111,8 @@ impl Report {
             missed.sort_by(|a, b| a.defocus_um.abs().total_cmp(&b.defocus_um.abs()));
             worst.extend(missed.into_iter().take(count));
         }
-        worst
-            .extend(self.rows.iter().filter(|r| r.truth_px.is_none() || r.show == "shank").filter(|r| r.tip.is_some()));
+        let empty = |r: &&Row| r.truth_px.is_none() || r.show.ends_with("shank");
+        worst.extend(self.rows.iter().filter(empty).filter(|r| r.tip.is_some()));
         worst
     }
 }
@@ -129,7 +137,11 @@ impl fmt::Display for Report {
         if self.empty_scenes > 0 {
             writeln!(f, "false tips in {} scenes without one: {}", self.empty_scenes, self.false_tips)?;
         }
-        writeln!(f, "a detection takes {:.1} ms (median)", self.detect_ms_median)
+        if self.empty_bursts > 0 {
+            writeln!(f, "false tips in {} bursts without one: {}", self.empty_bursts, self.false_tips_of_bursts)?;
+        }
+        writeln!(f, "a detection takes {:.1} ms (median)", self.detect_ms_median)?;
+        self.speed.iter().try_for_each(|speed| speed.fmt(f))
     }
 }
 

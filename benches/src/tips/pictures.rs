@@ -26,11 +26,12 @@ pub fn save(folder: &Path, row: &Row, picture: &Picture) -> anyhow::Result<()> {
         arrow(&mut image, tip.x_px, tip.y_px, tip.angle_deg, Rgb([255, 0, 0]));
     }
     let outcome = match (row.error_px, row.tip) {
-        (Some(error), _) if row.show != "shank" => format!("{error:05.1}px"),
+        (Some(error), _) if !row.show.ends_with("shank") => format!("{error:05.1}px"),
         (_, Some(tip)) => format!("false-{:.2}", tip.confidence),
         _ => "missed".into(),
     };
-    let file = folder.join(format!("{}-{outcome}-{:+.1}um-{}.png", row.show, row.defocus_um, row.seed));
+    let file =
+        folder.join(format!("{}-{outcome}-{:+.1}um-{}.png", row.show.replace(' ', "-"), row.defocus_um, row.seed));
     image.save(&file).with_context(|| file.display().to_string())
 }
 

@@ -2,7 +2,7 @@
 
 use super::all::{Plan, Work, live};
 use super::error::AutoError;
-use super::gaze::{Expected, Gaze, search};
+use super::gaze::{Expected, FOCUSED_PX, Gaze, apart, focus_on_one};
 use super::places::{expected_samples, weakest, worst_error};
 use super::records::{Opened, Records};
 use crate::calibration::camera::{CameraFit, Options, fit};
@@ -29,6 +29,9 @@ pub const MARGIN_SHARE: f64 = 0.1;
 pub const ASTRAY_SHARE: f64 = 0.1;
 /// Places among which the most telling is chosen.
 pub const CHOICE: usize = 12;
+
+/// Tips that may turn out to be none, one after another.
+const UNFIT: usize = 4;
 
 /// What came of it.
 pub struct Found {
@@ -89,23 +92,7 @@ impl Run<'_, '_> {
         if self.settled()? {
             return Ok(());
         }
-        let first = self.first_look()?;
-        if !self.place.samples.is_empty() && !self.is_where_it_was(&first)? {
-            self.live.tell(Progress::Warning(
-                "the tip is not where the earlier run left it: its samples of the camera are left aside".into(),
-            ));
-            self.place.opened = records.anew("camera", Purpose::Microscope)?;
-            self.place.samples.clear();
-        }
-        if self.place.samples.is_empty() {
-            self.keep(&first)?;
-        }
-        let at = self.xy()?;
-        for coordinate in [Coordinate::X, Coordinate::Y] {
-            if self.map().is_none() {
-                self.first_move(at, first.pixel, coordinate)?;
-            }
-        }
+        self.begin(records)?;
         let mut draws = Draws::new(self.place.plan.seed);
         // Draws that an earlier run has used up.
         for _ in 0..CHOICE * self.place.samples.len() {
@@ -132,14 +119,60 @@ impl Run<'_, '_> {
         Ok(())
     }
 
-    /// Finds a tip, brings it into focus, remembers what it looks like.
-    fn first_look(&mut self) -> Result<Seen, AutoError> {
-        let tips = search(self.live, self.eyes, self.place.plan.reach_um)?;
-        let tip = tips[0];
+    /// Finds a tip that can be focused and moves in the picture when the microscope does.
+    fn begin(&mut self, records: &Records) -> Result<(), AutoError> {
+        let (start, mut unfit) = (self.xy()?, Vec::new());
+        loop {
+            let first = self.first_look(&unfit).map_err(|error| match (error, unfit.pop()) {
+                (AutoError::NoTip { .. }, Some((_, why))) => why,
+                (error, _) => error,
+            })?;
+            let why = match self.first_moves(&first, records) {
+                Ok(()) => return Ok(()),
+                Err(error) if unfit.len() < UNFIT && error.is_of_one_tip() => error,
+                Err(error) => return Err(error),
+            };
+            self.live.tell(Progress::Passed(why.to_string()));
+            unfit.push((first.pixel, why));
+            self.move_xy(start)?;
+            self.anew(records)?;
+        }
+    }
+
+    /// The first tip's sample, and one from a little aside on each axis.
+    fn first_moves(&mut self, first: &Seen, records: &Records) -> Result<(), AutoError> {
+        if !self.place.samples.is_empty() && !self.is_where_it_was(first)? {
+            self.live.tell(Progress::Warning(
+                "the tip is not where the earlier run left it: its samples of the camera are left aside".into(),
+            ));
+            self.anew(records)?;
+        }
+        if self.place.samples.is_empty() {
+            self.keep(first)?;
+        }
+        let at = self.xy()?;
+        for coordinate in [Coordinate::X, Coordinate::Y] {
+            if self.map().is_none() {
+                self.first_move(at, first.pixel, coordinate)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn anew(&mut self, records: &Records) -> Result<(), AutoError> {
+        self.place.opened = records.anew("camera", Purpose::Microscope)?;
+        self.place.samples.clear();
+        Ok(())
+    }
+
+    /// Finds a tip that is not one of the unfit ones, brings it into focus, remembers what it looks like.
+    fn first_look(&mut self, unfit: &[(Pixel, AutoError)]) -> Result<Seen, AutoError> {
+        let fit = |_: &mut LiveRig<'_>, mut tips: Vec<Seen>| {
+            tips.retain(|tip| !unfit.iter().any(|(pixel, _)| apart(*pixel, tip.pixel) <= FOCUSED_PX));
+            tips
+        };
         let subject = Subject::Point("a tip".into());
-        let gaze = Gaze { subject, angle_deg: tip.found.angle_deg };
-        let rough = Expected { pixel: tip.pixel, within_px: ASTRAY_SHARE * self.live.window().side_px() };
-        let seen = gaze.focus(self.live, self.eyes, rough, self.place.plan.focus_um)?;
+        let (gaze, seen) = focus_on_one(self.live, self.eyes, self.place.plan, &subject, &fit)?;
         self.place.gaze = Some(gaze);
         Ok(seen)
     }
@@ -251,7 +284,7 @@ impl Run<'_, '_> {
             let seen = self.move_xy(at + by).and_then(|()| self.look(None));
             match seen {
                 Ok(seen) => {
-                    let shift = super::gaze::apart(seen.pixel, from);
+                    let shift = apart(seen.pixel, from);
                     if shift >= 0.6 * wish {
                         return self.keep(&seen);
                     }

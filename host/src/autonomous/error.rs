@@ -98,6 +98,11 @@ impl AutoError {
         }
     }
 
+    /// Whether another tip in view may still do: this one is not seen again, or does not move as a tip does.
+    pub fn is_of_one_tip(&self) -> bool {
+        self.is_local() || matches!(self, Self::Procedure(ProcedureError::Implausible { .. }))
+    }
+
     /// Whether another manipulator may still be calibrated.
     pub fn is_of_one_manipulator(&self) -> bool {
         match self {

@@ -1,5 +1,7 @@
 //! Looking at one tip until two frames agree on where it is.
 
+use super::all::Plan;
+use super::camera::ASTRAY_SHARE;
 use super::error::AutoError;
 use super::eyes::Eyes;
 use crate::calibration::chain::Pixel;
@@ -118,6 +120,22 @@ fn between(a: &Seen, b: &Seen) -> Seen {
 /// # Errors
 /// [`AutoError::NoTip`].
 pub fn search(live: &mut LiveRig<'_>, eyes: &mut dyn Eyes, reach_um: f64) -> Result<Vec<Seen>, AutoError> {
+    search_until(live, eyes, reach_um, &mut |_, _, tips| Ok(Some(tips)))
+}
+
+/// What is done with the tips seen at one height; `None`: look on.
+pub type Take<'t, T> = dyn FnMut(&mut LiveRig<'_>, &mut dyn Eyes, Vec<Seen>) -> Result<Option<T>, AutoError> + 't;
+
+/// As [`search`], until `take` is content with the tips of a height.
+///
+/// # Errors
+/// [`AutoError::NoTip`], or what `take` says.
+pub fn search_until<T>(
+    live: &mut LiveRig<'_>,
+    eyes: &mut dyn Eyes,
+    reach_um: f64,
+    take: &mut Take<'_, T>,
+) -> Result<T, AutoError> {
     let start = live.pose()?.axis(focus_axis()).0;
     let steps = (reach_um / DEPTH_STEP_UM).ceil() as i32;
     let mut dark = false;
@@ -132,7 +150,11 @@ pub fn search(live: &mut LiveRig<'_>, eyes: &mut dyn Eyes, reach_um: f64) -> Res
         }
         match steady(live, eyes) {
             Ok(tips) if tips.is_empty() => {}
-            Ok(tips) => return Ok(tips),
+            Ok(tips) => {
+                if let Some(taken) = take(live, eyes, tips)? {
+                    return Ok(taken);
+                }
+            }
             Err(AutoError::Dark) => dark = true,
             Err(error) => return Err(error),
         }
@@ -140,6 +162,49 @@ pub fn search(live: &mut LiveRig<'_>, eyes: &mut dyn Eyes, reach_um: f64) -> Res
     live.move_to(&[(focus_axis(), Micrometres(start))])?;
     Err(if dark { AutoError::Dark } else { AutoError::NoTip { reach_um } })
 }
+
+/// Brings a tip into focus: the surest of those wanted that can be. Dirt on the sensor may look like a tip, but cannot; it is
+/// seen at every height, and tips with it.
+///
+/// # Errors
+/// None is seen; why the last one could not be focused.
+pub fn focus_on_one(
+    live: &mut LiveRig<'_>,
+    eyes: &mut dyn Eyes,
+    plan: &Plan,
+    subject: &Subject,
+    wanted: &dyn Fn(&mut LiveRig<'_>, Vec<Seen>) -> Vec<Seen>,
+) -> Result<(Gaze, Seen), AutoError> {
+    let mut refused: Vec<(Pixel, AutoError)> = Vec::new();
+    let found = search_until(live, eyes, plan.reach_um, &mut |live, eyes, tips| {
+        let height = (focus_axis(), live.pose()?.axis(focus_axis()));
+        for tip in wanted(live, tips) {
+            let again = |before: &&(Pixel, AutoError)| apart(before.0, tip.pixel) <= FOCUSED_PX;
+            if refused.iter().filter(again).count() >= TRIALS {
+                continue;
+            }
+            let gaze = Gaze { subject: subject.clone(), angle_deg: tip.found.angle_deg };
+            let rough = Expected { pixel: tip.pixel, within_px: ASTRAY_SHARE * live.window().side_px() };
+            match gaze.focus(live, eyes, rough, plan.focus_um) {
+                Ok(seen) => return Ok(Some((gaze, seen))),
+                Err(error) if error.is_local() => {
+                    live.tell(Progress::Passed(error.to_string()));
+                    refused.push((tip.pixel, error));
+                    live.move_to(&[height])?;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(None)
+    });
+    found.map_err(|error| match (error, refused.pop()) {
+        (AutoError::NoTip { .. }, Some((_, why))) => why,
+        (error, _) => error,
+    })
+}
+
+/// Heights at which the same place is tried to be focused on.
+const TRIALS: usize = 2;
 
 impl Gaze {
     /// Where the tip is: two fresh frames agree.
@@ -222,4 +287,4 @@ impl Gaze {
 }
 
 /// A tip this far from the middle of its region is still what was focused on, px.
-const FOCUSED_PX: f64 = 12.0;
+pub const FOCUSED_PX: f64 = 12.0;

@@ -14,6 +14,7 @@ mod gaze;
 mod manipulator;
 mod places;
 mod recalibrate;
+mod recognise;
 mod records;
 mod shank;
 

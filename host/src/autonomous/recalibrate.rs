@@ -1,12 +1,11 @@
 //! After a change of pipette: one focus, one detection, the new tip's offset.
 
 use super::all::{Plan, Work, live};
-use super::camera::ASTRAY_SHARE;
 use super::error::AutoError;
-use super::gaze::{Expected, Gaze, focus_axis, search, turn_deg};
+use super::gaze::{focus_axis, focus_on_one, turn_deg};
 use crate::calibration::chain::{Arm, Chain};
 use crate::calibration::frames::Transform;
-use crate::procedure::{Progress, Subject};
+use crate::procedure::{LiveRig, Progress, Seen, Subject};
 use crate::rig::{ManipulatorNumber, Rig, TipOffset};
 use nalgebra::Vector3;
 
@@ -43,19 +42,20 @@ pub fn recalibrate(
     live.tell(Progress::Begins(format!("Looking at the new tip of {manipulator}.")));
     let joints = start.joints(manipulator);
     let measured = (|| {
-        let mut tips = search(&mut live, eyes, plan.reach_um)?;
         // Where it points, the pipette before it did.
-        if let Some(seen_from) = expected_deg(rig, &chain, manipulator) {
-            tips.retain(|tip| tip.found.angle_deg.is_none_or(|deg| turn_deg(deg, seen_from) < OTHERS_DEG));
-        }
-        let tip = *tips.first().ok_or(AutoError::NoTip { reach_um: plan.reach_um })?;
-        if tips.len() > 1 {
-            let seen = tips.len();
-            live.tell(Progress::Warning(format!("{seen} tips could be that of {manipulator}: the surest is taken")));
-        }
-        let gaze = Gaze { subject: Subject::Tip(manipulator), angle_deg: tip.found.angle_deg };
-        let rough = Expected { pixel: tip.pixel, within_px: ASTRAY_SHARE * live.window().side_px() };
-        let seen = gaze.focus(&mut live, eyes, rough, plan.focus_um)?;
+        let seen_from = expected_deg(rig, &chain, manipulator);
+        let its = |live: &mut LiveRig<'_>, mut tips: Vec<Seen>| {
+            let alike = |deg: f64| seen_from.is_none_or(|from| turn_deg(deg, from) < OTHERS_DEG);
+            tips.retain(|tip| tip.found.angle_deg.is_none_or(alike));
+            if tips.len() > 1 {
+                let seen = tips.len();
+                live.tell(Progress::Warning(format!(
+                    "{seen} tips could be that of {manipulator}: the surest that can be focused is taken"
+                )));
+            }
+            tips
+        };
+        let (_, seen) = focus_on_one(&mut live, eyes, plan, &Subject::Tip(manipulator), &its)?;
         Ok::<_, AutoError>((chain.pixel_to_ref(live.microscope()?, seen.pixel), seen.found.confidence))
     })();
     if live.guard.keep_on() {

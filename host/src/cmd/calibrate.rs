@@ -19,6 +19,7 @@ use parfocal::calibration::camera::Options;
 use parfocal::calibration::chain::Sensor;
 use parfocal::calibration::robust::{Estimator, Solution};
 use parfocal::calibration::samples::Table;
+use parfocal::calibration::statistics;
 use parfocal::rig::{Record, Rig};
 use std::path::{Path, PathBuf};
 
@@ -61,7 +62,7 @@ pub fn run(calibrate: Calibrate, connection: &Connection, out: Output) -> anyhow
         Action::Objective(objective) => objective.run(connection, out),
         Action::Pipette(pipette) => pipette.run(connection, out),
         Action::Latency(latency) => latency.run(connection, out),
-        Action::Coarse(arguments) => coarse::run(&arguments, out),
+        Action::Coarse(arguments) => coarse::run(&arguments, connection, out),
         Action::IntoView(arguments) => arguments.run(connection, out),
         Action::ObjectiveHeight(arguments) => coarse::height::run(&arguments, out),
     }
@@ -101,6 +102,11 @@ impl Solving {
     fn table(&self) -> anyhow::Result<Table> {
         let path = self.samples.as_deref().context("there are no samples: give --samples FILE.csv")?;
         Ok(Table::read(path)?)
+    }
+
+    /// Makes the report's folder before anything moves: a report that cannot be written is told at once.
+    fn ready(&self) -> anyhow::Result<()> {
+        self.report.as_deref().map_or(Ok(()), folder)
     }
 
     /// Takes what a live procedure recorded for what a person handed in.
@@ -148,6 +154,7 @@ impl Solving {
             rms_um: solution.rms(),
             residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
             rejected: (0..solution.inliers.len()).filter(|&i| !solution.inliers[i]).map(row).collect(),
+            certainty: statistics::certainty(solution),
         }
     }
 }

@@ -35,13 +35,24 @@ impl FromStr for CameraAddress {
     type Err = String;
 
     fn from_str(s: &str) -> Result<Self, String> {
-        let (kind, options) = s.split_once('?').unwrap_or((s, ""));
-        match s.split_once(':') {
-            _ if kind == "sim" => Ok(Self::Simulated(timing(options)?)),
-            Some(("stack", path)) if !path.is_empty() => Ok(Self::Stack(path.into())),
-            Some(("curve", address)) if !address.is_empty() => Ok(Self::Curve(address.into())),
-            _ => s.parse().map(Self::Live).map_err(|e: address::NoCamera| e.to_string()),
-        }
+        let address: address::CameraAddress = s.parse().map_err(|e: address::NoCamera| e.to_string())?;
+        Ok(match address {
+            address::CameraAddress::Simulated(options) => Self::Simulated(timing(&options)?),
+            address::CameraAddress::Stack(path) => Self::Stack(path),
+            address::CameraAddress::Curve(address) => Self::Curve(address),
+            live => Self::Live(live),
+        })
+    }
+}
+
+/// The timing of the simulated camera, if it is named with one.
+///
+/// # Errors
+/// An option that is none.
+pub fn simulated_timing(address: Option<&address::CameraAddress>) -> anyhow::Result<Option<CameraTiming>> {
+    match address {
+        Some(address::CameraAddress::Simulated(options)) => timing(options).map(Some).map_err(anyhow::Error::msg),
+        _ => Ok(None),
     }
 }
 

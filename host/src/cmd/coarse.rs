@@ -1,15 +1,17 @@
 //! `parfocal calibrate coarse`: where manipulators and objective stand, seen by a stereo camera.
 
 mod cameras;
+mod folder;
 mod force;
 pub mod height;
 mod learning;
 mod pairs;
 mod placing;
 mod printing;
+mod simulated;
 mod stereo;
 
-use super::Output;
+use super::{Connection, Output};
 use clap::{ArgGroup, Args};
 use parfocal::calibration::coarse::{MarkerId, StereoCamera};
 use parfocal::frames::address::CameraAddress;
@@ -25,8 +27,9 @@ pub struct Arguments {
     /// Folder of stereo pairs place_K_left.png, place_K_right.png, from two places or more
     #[arg(long, value_name = "DIR")]
     pairs: Option<PathBuf>,
-    /// Two running cameras that take the pairs first and keep them in that folder: exec:COMMAND or another camera's address
-    #[arg(long, value_name = "LEFT RIGHT", num_args = 2, requires = "pairs")]
+    /// Two running cameras that take the pairs first and keep them in that folder, with where the rig's axes stood:
+    /// exec:COMMAND or another camera's address; sim alone is the simulated rig's stereo camera
+    #[arg(long, value_name = "LEFT RIGHT", num_args = 1..=2, requires = "pairs")]
     cameras: Vec<CameraAddress>,
     /// Places that the cameras are put to
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=50))]
@@ -34,9 +37,10 @@ pub struct Arguments {
     /// Poses from another tracker: rows view,marker,qw,qx,qy,qz,x_mm,y_mm,z_mm
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
-    /// Learn what the markers carry from pictures of known moves, clicks, and a fine calibration (see docs/coarse.md)
-    #[arg(long, value_name = "FILE")]
-    learn: Option<PathBuf>,
+    /// Learn what the markers carry from pictures of known moves, clicks, and a fine calibration: one file (see docs/coarse.md), or
+    /// the folders of pairs that --cameras took, each with its now.json and clicks.json
+    #[arg(long, value_name = "FILE|DIR …", num_args = 1..)]
+    learn: Vec<PathBuf>,
     /// Calibrate the stereo camera from a folder of pairs of the printed board
     #[arg(long, value_name = "DIR")]
     calibrate_stereo: Option<PathBuf>,
@@ -69,9 +73,9 @@ pub struct Arguments {
     #[arg(long)]
     gamma: Option<f64>,
     /// What was learned with --learn: gives each manipulator's registration and pipette angles [default: the rig's]
-    #[arg(long, value_name = "FILE", requires = "now")]
+    #[arg(long, value_name = "FILE")]
     learned: Option<PathBuf>,
-    /// Where the axes stood: a JSON file {"microscope_um":[x,y,z],"joints_um":{"1":[x,y,z]}}
+    /// Where the axes stood: a JSON file {"microscope_um":[x,y,z],"joints_um":{"1":[x,y,z]}} [default: now.json in the folder of pairs]
     #[arg(long, value_name = "FILE")]
     now: Option<PathBuf>,
     /// Standard deviation of the other tracker's positions
@@ -148,14 +152,14 @@ const TAG_MM: f64 = 20.0;
 ///
 /// # Errors
 /// Whatever makes pictures, poses or files unusable, as one sentence.
-pub fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
+pub fn run(arguments: &Arguments, connection: &Connection, out: Output) -> anyhow::Result<()> {
     if arguments.print_markers || arguments.print_board {
         printing::run(arguments, out)
     } else if let Some(folder) = &arguments.calibrate_stereo {
         stereo::calibrate(arguments, folder, out)
-    } else if let Some(file) = &arguments.learn {
-        learning::run(arguments, file, out)
+    } else if !arguments.learn.is_empty() {
+        learning::run(arguments, out)
     } else {
-        placing::run(arguments, out)
+        placing::run(arguments, connection, out)
     }
 }

@@ -79,9 +79,10 @@ impl Connection {
             // A recording takes an axis' place: nothing to remember.
             if model.limits.is_empty() {
                 let memory = Memory::beside(path);
-                let mut positions: Vec<_> = memory.recall()?.positions.into_iter().collect();
+                let left = memory.recall()?;
+                let mut positions: Vec<_> = left.positions.into_iter().collect();
                 positions.append(&mut model.positions);
-                (model.positions, model.memory) = (positions, Some(memory));
+                (model.positions, model.set_down, model.memory) = (positions, left.set_down, Some(memory));
             }
         }
         Ok(Some(simulated::Handle::new(model)))

@@ -145,7 +145,8 @@ impl<'a> Room<'a> {
     ) -> anyhow::Result<Recorded> {
         interrupt::watch();
         let rig = self.known()?;
-        let model = simulated::Model { seed: self.seed, ..Default::default() };
+        let timing = super::camera::simulated_timing(self.live.camera.as_ref())?;
+        let model = simulated::Model { seed: self.seed, timing, ..Default::default() };
         let Bench { mut stage, simulated } = self.connection.open(Purpose::Control, model)?;
         let mut camera = camera(self.live.camera.as_ref(), self.live.camera_latency_ms, simulated.as_ref())?;
         let mut focuser = ScanFocuser::new(self.live.measure, super::connection::fresh_session() as u16);
@@ -213,7 +214,7 @@ pub fn camera(
     simulated: Option<&simulated::Handle>,
 ) -> anyhow::Result<Box<dyn Camera>> {
     match (named, simulated) {
-        (None | Some(CameraAddress::Simulated), Some(rig)) => Ok(Box::new(rig.camera())),
+        (None | Some(CameraAddress::Simulated(_)), Some(rig)) => Ok(Box::new(rig.camera())),
         (Some(address), _) => address.open(Some(Duration::from_millis(latency_ms)))?.with_context(|| {
             format!("{address} is a recording, or belongs to the simulated rig: a live procedure needs a live camera")
         }),

@@ -3,7 +3,7 @@
 use super::Output;
 use super::connection::Connection;
 use anyhow::{Context, bail};
-use parfocal::rig::{Objective, Rig};
+use parfocal::rig::{Objective, Rig, Zoom};
 
 /// Say which objective is in the light path: a wrong one breaks pipettes
 #[derive(Debug, clap::Args)]
@@ -22,6 +22,10 @@ pub struct Arguments {
     /// Its depth of field, µm: what autofocus counts its probes in
     #[arg(long, value_name = "UM", value_parser = super::calibrate::positive, requires = "name")]
     depth_of_field_um: Option<f64>,
+    /// How many times larger its pixel is than the default objective's, as engraved (10 for 4x beside 40x): good enough to look for
+    /// a tip with, until 'calibrate objective' measures it
+    #[arg(long, value_name = "FACTOR", value_parser = super::calibrate::positive, requires = "new")]
+    alpha: Option<f64>,
 }
 
 impl Arguments {
@@ -39,6 +43,10 @@ impl Arguments {
                 }
                 let default = rig.contents().objectives.is_empty();
                 rig.contents_mut().objectives.insert(name.clone(), Objective { default, ..Objective::default() });
+                if let Some(alpha) = self.alpha {
+                    let zoom = self.zoom.or(rig.contents().zoom_in_use).unwrap_or(1.0);
+                    rig.set_zoom(name, Zoom { zoom, alpha, kappa_um: [0.0; 3], record: None });
+                }
             }
             rig.set_objective_in_use(Some(name)).context("--new adds an objective")?;
             if let (Some(depth), Some(objective)) =

@@ -5,6 +5,7 @@ use super::simulated::{Boards, Handle};
 use parfocal::frames::camera::{Camera, CameraError, Frame};
 use parfocal::frames::stack::Stack;
 use parfocal::link::transport::{Transport, real_now};
+use parfocal::page::Turret;
 use parfocal::picture::Picture;
 use parfocal_protocol::units::{Axis, HostTime};
 use std::io;
@@ -30,6 +31,17 @@ impl Paced {
         (rig.model().camera.width as u32, rig.model().camera.height as u32)
     }
 
+    /// The objectives in the turret, the default one first: name and depth of field, µm.
+    pub fn objectives(&self) -> Vec<(String, f64)> {
+        self.0.lock().model().objectives.iter().map(|o| (o.name.into(), o.depth_of_field_um)).collect()
+    }
+
+    /// Turns the turret.
+    pub fn turret(&self) -> Turret {
+        let rig = self.0.clone();
+        Box::new(move |name| rig.set_objective(name))
+    }
+
     /// The rig's camera, in real time.
     pub fn camera(&self) -> PacedCamera {
         PacedCamera { rig: self.0.clone(), stack: None }
@@ -37,7 +49,8 @@ impl Paced {
 
     /// A camera that shows the plane of a stack at which `scope.z` is.
     pub fn stack_camera(&self, stack: Arc<Stack>) -> PacedCamera {
-        PacedCamera { rig: self.0.clone(), stack: Some(stack) }
+        let planes = stack.planes.iter().cloned().map(Arc::new).collect();
+        PacedCamera { rig: self.0.clone(), stack: Some((stack, planes)) }
     }
 }
 
@@ -97,7 +110,8 @@ impl Transport for PacedTransport {
 /// The simulated camera, in real time.
 pub struct PacedCamera {
     rig: Handle,
-    stack: Option<Arc<Stack>>,
+    /// A stack, and its planes as frames share them.
+    stack: Option<(Arc<Stack>, Vec<Arc<Picture>>)>,
 }
 
 impl Camera for PacedCamera {
@@ -115,10 +129,10 @@ impl Camera for PacedCamera {
             if let Some((times, shot, z)) = next {
                 // Rendered with the rig free to live on.
                 let picture = match &self.stack {
-                    Some(stack) => Ok(stack.planes[stack.nearest(z)].clone()),
+                    Some((stack, planes)) => Ok(planes[stack.nearest(z)].clone()),
                     None => {
                         let frame = shot.render();
-                        Picture::grey16(frame.width, frame.height, frame.pixels)
+                        Picture::grey16(frame.width, frame.height, frame.pixels).map(Arc::new)
                     }
                 };
                 let picture = picture.map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;

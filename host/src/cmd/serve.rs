@@ -1,5 +1,6 @@
 //! `parfocal serve`: the operator page.
 
+use super::camera::simulated_timing;
 use super::connection::{Connection, Purpose, fresh_session};
 use super::paced::Paced;
 use super::{Output, interrupt, simulated};
@@ -30,7 +31,7 @@ pub struct Arguments {
     /// A name by which browsers may call this computer, besides its address
     #[arg(long, value_name = "NAME")]
     name: Vec<String>,
-    /// Where frames come from: sim, exec:COMMAND, y4m:FILE, folder:DIR, stack:DIR [default: sim on the simulated rig]
+    /// Where frames come from: sim, exec:COMMAND, v4l:DEVICE, y4m:FILE, folder:DIR, stack:DIR [default: sim on the simulated rig]
     #[arg(long, value_name = "SOURCE")]
     camera: Option<CameraAddress>,
     /// Longest time from the begin of an exposure to its frame's arrival, for cameras that do not tell
@@ -49,7 +50,8 @@ impl Arguments {
             Some(CameraAddress::Stack(path)) => Some(Arc::new(Stack::open(path)?)),
             _ => None,
         };
-        let mut model = simulated::Model { seed: connection.seed, ..simulated::Model::default() };
+        let timing = simulated_timing(self.camera.as_ref())?;
+        let mut model = simulated::Model { seed: connection.seed, timing, ..simulated::Model::default() };
         if let Some(stack) = &stack {
             let (low, high) = stack.extent();
             let axis = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
@@ -76,6 +78,7 @@ impl Arguments {
             simulated: paced.is_some(),
             rig: self.rig(connection, &stage, paced.as_ref())?,
             rig_path: connection.rig.clone(),
+            turret: paced.as_ref().map(Paced::turret),
             stage,
         })?;
         let mut address = format!("http://{}/", page.address());
@@ -95,13 +98,13 @@ impl Arguments {
     fn open(&self, paced: Option<&Paced>, stack: Option<Arc<Stack>>) -> anyhow::Result<(Open, String)> {
         let address = match (&self.camera, paced) {
             (Some(address), _) => address.clone(),
-            (None, Some(_)) => CameraAddress::Simulated,
+            (None, Some(_)) => CameraAddress::Simulated(String::new()),
             (None, None) => bail!("a real rig needs a --camera: docs/cameras.md has examples"),
         };
         let name = address.to_string();
         let latency = Duration::from_millis(self.camera_latency_ms);
         let open: Open = match (&address, paced, stack) {
-            (CameraAddress::Simulated, Some(paced), _) => {
+            (CameraAddress::Simulated(_), Some(paced), _) => {
                 let paced = paced.clone();
                 Box::new(move || Ok(Box::new(paced.camera()) as Box<dyn Camera>))
             }
@@ -109,7 +112,7 @@ impl Arguments {
                 let paced = paced.clone();
                 Box::new(move || Ok(Box::new(paced.stack_camera(stack.clone())) as Box<dyn Camera>))
             }
-            (CameraAddress::Simulated | CameraAddress::Stack(_), ..) => {
+            (CameraAddress::Simulated(_) | CameraAddress::Stack(_), ..) => {
                 bail!("{name} belongs to the simulated rig: leave --port and --rig out, or choose a real --camera")
             }
             (CameraAddress::Curve(_), ..) => bail!("{name} is a curve without pictures: `parfocal autofocus` takes it"),
@@ -143,13 +146,21 @@ impl Arguments {
             // Without a file nobody looks a board up by its id; each has one all the same.
             contents.boards.insert(number, rig::Board { unique_id: format!("{i:02x}").parse()? });
         }
-        let default = rig::Objective { default: true, ..rig::Objective::default() };
-        contents.objectives.insert("default".into(), default);
-        contents.objective_in_use = Some("default".into());
         if let Some(paced) = paced {
+            for (name, depth) in paced.objectives() {
+                let default = contents.objectives.is_empty();
+                let objective = rig::Objective { default, depth_of_field_um: Some(depth), zooms: Vec::new() };
+                contents.objective_in_use.get_or_insert_with(|| name.clone());
+                contents.objectives.insert(name, objective);
+            }
             let (width_px, height_px) = paced.sensor();
             contents.camera =
                 Some(rig::Camera { width_px, height_px, crop_px: None, binning: 1, calibration: None, latency: None });
+        }
+        if contents.objectives.is_empty() {
+            let default = rig::Objective { default: true, ..rig::Objective::default() };
+            contents.objectives.insert("default".into(), default);
+            contents.objective_in_use = Some("default".into());
         }
         Ok(rig)
     }

@@ -10,6 +10,7 @@ use parfocal_protocol::units::{Axis, HostTime, Micrometres};
 use parfocal_simulator::camera::{CameraTiming, FrameTimes};
 use parfocal_simulator::model::{ObjectiveModel, RigModel};
 use parfocal_simulator::rig::Rig;
+use parfocal_simulator::scene::Region;
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,6 +28,8 @@ pub struct Model {
     pub timing: Option<CameraTiming>,
     /// The objective in the light path, other than its first.
     pub objective: Option<String>,
+    /// How far manipulators were set down from where they were built in, in ref, µm.
+    pub set_down: BTreeMap<ManipulatorNumber, [f64; 3]>,
     /// Where its axes' positions are kept from one command to the next.
     pub memory: Option<Memory>,
 }
@@ -38,6 +41,7 @@ pub struct Handle(Arc<World>);
 /// The virtual world, and what of it is remembered when it ends.
 struct World {
     rig: Mutex<Rig>,
+    set_down: BTreeMap<ManipulatorNumber, [f64; 3]>,
     memory: Option<Memory>,
 }
 
@@ -46,7 +50,8 @@ impl Drop for World {
         let Some(memory) = &self.memory else { return };
         let rig = self.rig.get_mut().unwrap_or_else(PoisonError::into_inner);
         let at = |(name, place): (AxisName, Place)| (name, rig.motor(place.board, place.axis));
-        let left = Remembered { positions: axes().into_iter().map(at).collect() };
+        let positions = axes().into_iter().map(at).collect();
+        let left = Remembered { positions, set_down: std::mem::take(&mut self.set_down) };
         if let Err(error) = memory.keep(&left) {
             eprintln!("parfocal: {error:#}");
         }
@@ -55,8 +60,12 @@ impl Drop for World {
 
 /// Boards of the simulated rig by device: the microscope, manipulators 1 and 2.
 fn devices() -> impl Iterator<Item = Device> {
-    let manipulators = [1, 2].into_iter().filter_map(ManipulatorNumber::new).map(Device::Manipulator);
-    std::iter::once(Device::Scope).chain(manipulators)
+    std::iter::once(Device::Scope).chain(manipulators().map(Device::Manipulator))
+}
+
+/// The simulated rig's manipulators.
+pub fn manipulators() -> impl Iterator<Item = ManipulatorNumber> {
+    [1, 2].into_iter().filter_map(ManipulatorNumber::new)
 }
 
 /// The simulated rig's axes.
@@ -90,12 +99,16 @@ impl Handle {
                 rig.set_position(place.board, place.axis, *at);
             }
         }
+        for (number, held) in manipulators().zip(&mut rig.manipulators) {
+            let by = model.set_down.get(&number).copied().unwrap_or_default();
+            held.origin_um.iter_mut().zip(by).for_each(|(origin, by)| *origin += by);
+        }
         rig.objectives.push(ObjectiveModel::SEARCHER);
         let mut rig = Rig::new(rig);
         if let Some(name) = &model.objective {
             rig.set_objective(name);
         }
-        Self(Arc::new(World { rig: Mutex::new(rig), memory: model.memory }))
+        Self(Arc::new(World { rig: Mutex::new(rig), set_down: model.set_down, memory: model.memory }))
     }
 
     /// Turns the turret.
@@ -180,11 +193,25 @@ impl Camera for SimulatedCamera {
     }
 
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
-        let picture = Picture::grey16(frame.width, frame.height, frame.pixels)
+        Ok(self.next_part(deadline, None)?.map(|(frame, _)| frame))
+    }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        let Some((times, shot)) = self.0.lock().next_shot(deadline.0) else { return Ok(None) };
+        let region = |part: Roi| Region { x: part.x, y: part.y, width: part.width, height: part.height };
+        // Drawing a whole picture to look at its tip costs a hundred times as much.
+        let (drawn, left) = match part.and_then(|part| shot.render_part(region(part))) {
+            Some(drawn) => (drawn, None),
+            None => (shot.render(), part),
+        };
+        let picture = Picture::grey16(drawn.width, drawn.height, drawn.pixels)
             .map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;
         let Stamp { number, exposure, arrival } = self.stamp(&times);
-        Ok(Some(Frame { picture, number, exposure, arrival }))
+        Ok(Some((Frame { picture: picture.into(), number, exposure, arrival }, left)))
     }
 
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {

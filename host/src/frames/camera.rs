@@ -1,14 +1,15 @@
 //! A camera: frames one after another, each with the time of its exposure if the camera knows it.
 
-use crate::picture::Picture;
+use crate::picture::{Picture, Roi};
 use parfocal_protocol::units::HostTime;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// One camera frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// What it shows.
-    pub picture: Picture,
+    /// What it shows; shared, never copied on its way to who looks at it.
+    pub picture: Arc<Picture>,
     /// Number of the frame since the camera started, gaps included when the camera dropped some.
     pub number: u64,
     /// Begin and end of the exposure by the host's clock; `None` when the camera does not tell.
@@ -47,6 +48,14 @@ pub enum CameraError {
         camera: String,
         /// How long.
         millis: u64,
+    },
+    /// It was never there.
+    #[error("the camera {camera} cannot be used: {reason}")]
+    Unopened {
+        /// Its name.
+        camera: String,
+        /// Why not, and what to do.
+        reason: String,
     },
     /// It went away.
     #[error("the camera {camera} ended: {reason}")]
@@ -88,6 +97,19 @@ pub trait Camera: Send {
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
         Ok(self.next_frame(deadline)?.map(|frame| frame.stamp()))
     }
+
+    /// As [`Camera::next_frame`], when only a part of the picture matters. A camera that can deliver (or draw) that part alone may do
+    /// so; the second value is what remains to be cut out of the frame.
+    ///
+    /// # Errors
+    /// The camera is gone.
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        Ok(self.next_frame(deadline)?.map(|frame| (frame, part)))
+    }
 }
 
 impl<C: Camera + ?Sized> Camera for &mut C {
@@ -102,6 +124,14 @@ impl<C: Camera + ?Sized> Camera for &mut C {
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
         (**self).next_stamp(deadline)
     }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        (**self).next_part(deadline, part)
+    }
 }
 
 impl<C: Camera + ?Sized> Camera for Box<C> {
@@ -115,5 +145,13 @@ impl<C: Camera + ?Sized> Camera for Box<C> {
 
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
         (**self).next_stamp(deadline)
+    }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        (**self).next_part(deadline, part)
     }
 }

@@ -4,19 +4,15 @@
 //! reads as fast as the program writes, so that no old frames wait in the pipe; who comes late misses frames.
 
 use super::camera::{Camera, CameraError, Frame};
+use super::mailbox::{Mailbox, Outlet};
 use super::y4m::{Stream, Y4mError};
 use crate::link::transport::real_now;
 use parfocal_protocol::units::HostTime;
-use std::collections::VecDeque;
 use std::io::{BufReader, Read};
 use std::process::{Child, ChildStderr, Command, Stdio};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Frames that wait for who is a little late; the oldest give way.
-const KEPT: usize = 4;
-/// A camera silent for this long has stalled.
-const STALLED: Duration = Duration::from_millis(1500);
 /// Programs may take this long to open a camera.
 const START: Duration = Duration::from_secs(8);
 /// As much as is kept of what the program complained last.
@@ -24,34 +20,8 @@ const SAID: usize = 2000;
 
 /// A running program that delivers frames. Dropping it ends the program.
 pub struct CommandCamera {
-    command: String,
     child: Child,
-    mailbox: Arc<Mailbox>,
-    size: Option<(usize, usize)>,
-    heard: HostTime,
-    any: bool,
-}
-
-#[derive(Default)]
-struct Mailbox {
-    inside: Mutex<Inside>,
-    news: Condvar,
-}
-
-#[derive(Default)]
-struct Inside {
-    frames: VecDeque<Frame>,
-    /// Why no more come.
-    end: Option<String>,
-    /// The last of what the program wrote to its standard error.
-    said: String,
-}
-
-impl Mailbox {
-    fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Nothing in here can be left half done.
-        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+    outlet: Outlet,
 }
 
 impl CommandCamera {
@@ -62,19 +32,22 @@ impl CommandCamera {
     /// When there is no shell to run it. A command that cannot run is told by the first frame asked for.
     pub fn start(command: &str, latency: Option<Duration>) -> Result<Self, CameraError> {
         let name = shown(command);
-        let ended = |reason: String| CameraError::Ended { camera: name.clone(), reason };
+        let cannot =
+            |e| CameraError::Unopened { camera: name.clone(), reason: format!("the shell cannot be started: {e}") };
         let mut shell = Command::new(if cfg!(windows) { "cmd" } else { "sh" });
         shell.args([if cfg!(windows) { "/C" } else { "-c" }, command]);
         shell.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         // A group of its own: Ctrl-C is for this program to handle, and the end reaches every part of a pipeline.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut shell, 0);
-        let mut child = shell.spawn().map_err(|e| ended(format!("the shell cannot be started: {e}")))?;
-        let mailbox = Arc::<Mailbox>::default();
+        let mut child = shell.spawn().map_err(cannot)?;
+        let mailbox = Mailbox::default();
+        let outlet = Outlet::new(name, mailbox.clone(), START);
+        let said = Arc::<Mutex<String>>::default();
         let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
         let complaints = stderr.map(|stderr| {
-            let mailbox = mailbox.clone();
-            std::thread::spawn(move || listen(stderr, &mailbox))
+            let said = said.clone();
+            std::thread::spawn(move || listen(stderr, &said))
         });
         if let Some(stdout) = stdout {
             let mailbox = mailbox.clone();
@@ -87,25 +60,13 @@ impl CommandCamera {
                     }
                     std::thread::sleep(Duration::from_millis(10));
                 }
-                let mut inside = mailbox.lock();
-                let last = inside.said.trim().lines().rev().take(3).collect::<Vec<_>>();
+                let said = said.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                let last = said.trim().lines().rev().take(3).collect::<Vec<_>>();
                 let said = last.into_iter().rev().collect::<Vec<_>>().join(" / ");
-                inside.end = Some(if said.is_empty() { reason } else { format!("{reason}; it said: {said}") });
-                mailbox.news.notify_all();
+                mailbox.end(if said.is_empty() { reason } else { format!("{reason}; it said: {said}") });
             });
         }
-        Ok(Self { command: command.into(), child, mailbox, size: None, heard: real_now(), any: false })
-    }
-
-    fn accept(&mut self, frame: Frame) -> Result<Frame, CameraError> {
-        let size = (frame.picture.width, frame.picture.height);
-        (self.heard, self.any) = (frame.arrival, true);
-        let first = *self.size.get_or_insert(size);
-        if first == size {
-            return Ok(frame);
-        }
-        let text = |(width, height): (usize, usize)| format!("{width}x{height}");
-        Err(CameraError::Resized { camera: self.name(), from: text(first), to: text(size) })
+        Ok(Self { child, outlet })
     }
 }
 
@@ -122,13 +83,8 @@ fn read(stdout: impl std::io::BufRead, mailbox: &Mailbox, latency: Option<Durati
             Ok(Some(picture)) => {
                 let arrival = real_now();
                 let begin = latency.map(|l| HostTime(arrival.0.saturating_sub(l.as_micros() as u64)));
-                let frame = Frame { picture, number, exposure: begin.map(|b| (b, b)), arrival };
-                let mut inside = mailbox.lock();
-                if inside.frames.len() == KEPT {
-                    inside.frames.pop_front();
-                }
-                inside.frames.push_back(frame);
-                mailbox.news.notify_all();
+                let frame = Frame { picture: picture.into(), number, exposure: begin.map(|b| (b, b)), arrival };
+                mailbox.put(frame);
                 number += 1;
             }
             Ok(None) => return "the program ended its output".into(),
@@ -138,20 +94,21 @@ fn read(stdout: impl std::io::BufRead, mailbox: &Mailbox, latency: Option<Durati
 }
 
 /// Keeps the last of what a program complains, and never lets it wait for a reader.
-fn listen(mut stderr: ChildStderr, mailbox: &Mailbox) {
+fn listen(mut stderr: ChildStderr, said: &Mutex<String>) {
     let mut buffer = [0; 1024];
     while let Ok(n) = stderr.read(&mut buffer) {
         if n == 0 {
             break;
         }
         let text = String::from_utf8_lossy(&buffer[..n]).replace('\r', "\n");
-        let mut inside = mailbox.lock();
-        inside.said.push_str(&text);
-        let mut cut = inside.said.len().saturating_sub(SAID);
-        while !inside.said.is_char_boundary(cut) {
+        // Whole at any time.
+        let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
+        said.push_str(&text);
+        let mut cut = said.len().saturating_sub(SAID);
+        while !said.is_char_boundary(cut) {
             cut += 1;
         }
-        inside.said.drain(..cut);
+        said.drain(..cut);
     }
 }
 
@@ -166,31 +123,11 @@ fn shown(command: &str) -> String {
 
 impl Camera for CommandCamera {
     fn name(&self) -> String {
-        shown(&self.command)
+        self.outlet.name()
     }
 
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        let mailbox = self.mailbox.clone();
-        let mut inside = mailbox.lock();
-        loop {
-            if let Some(frame) = inside.frames.pop_front() {
-                drop(inside);
-                return self.accept(frame).map(Some);
-            }
-            if let Some(reason) = &inside.end {
-                return Err(CameraError::Ended { camera: self.name(), reason: reason.clone() });
-            }
-            let now = real_now();
-            let silent = Duration::from_micros(now.0.saturating_sub(self.heard.0));
-            if silent >= if self.any { STALLED } else { START } {
-                return Err(CameraError::Stalled { camera: self.name(), millis: silent.as_millis() as u64 });
-            }
-            if now >= deadline {
-                return Ok(None);
-            }
-            let wait = Duration::from_micros(deadline.0 - now.0).min(Duration::from_millis(100));
-            inside = mailbox.news.wait_timeout(inside, wait).unwrap_or_else(PoisonError::into_inner).0;
-        }
+        self.outlet.next_frame(deadline)
     }
 }
 
@@ -282,7 +219,7 @@ mod tests {
     #[test]
     fn who_comes_late_gets_the_latest_frames() {
         let mut camera = CommandCamera::start(&format!("{}; sleep 60", frames(2, 2, 50)), None).unwrap();
-        while camera.mailbox.lock().frames.back().is_none_or(|f| f.number < 49) {
+        while camera.outlet.latest().is_none_or(|number| number < 49) {
             std::thread::sleep(Duration::from_millis(5));
         }
         assert_eq!(next(&mut camera).unwrap().unwrap().number, 46);

@@ -113,7 +113,8 @@ impl Camera for Recording {
             return Err(CameraError::Resized { camera: self.name(), from: text(first), to: text(size) });
         }
         let now = real_now();
-        let frame = Frame { picture, number: self.number, exposure: Some((self.due, self.due)), arrival: now };
+        let frame =
+            Frame { picture: picture.into(), number: self.number, exposure: Some((self.due, self.due)), arrival: now };
         self.number += 1;
         // Who comes late does not get the missed frames all at once.
         let period = self.period.as_micros() as u64;

@@ -47,6 +47,7 @@ pub fn routes() -> Router<App> {
         .route("/click", post(click))
         .route("/autofocus", post(autofocus))
         .route("/look", post(look))
+        .route("/objective", post(objective))
         .route("/camera/restart", post(restart))
         .route("/emergency/clear", post(clear))
         .nest("/calibration", super::api_calibration::routes())
@@ -98,10 +99,9 @@ async fn frame(State(app): State<App>, Query(shown): Query<Shown>) -> Result<Res
     };
     let none = || Failure::new(StatusCode::SERVICE_UNAVAILABLE, "the camera has given no frame yet");
     let (number, frame) = app.desk.feed.latest().ok_or_else(none)?;
-    let encoder = app.encoder.clone();
-    let encoded = tokio::task::spawn_blocking(move || encoder.encode(number, &frame, levels));
-    let encoded = encoded.await.map_err(|e| Failure::new(StatusCode::INTERNAL_SERVER_ERROR, e))?;
-    Ok(([(CONTENT_TYPE, "image/jpeg")], encoded.jpeg.to_vec()).into_response())
+    let ending = || Failure::from(super::order::OrderError::Ending);
+    let encoded = app.encoder.encode(number, frame, levels).await.ok_or_else(ending)?;
+    Ok(([(CONTENT_TYPE, "image/jpeg")], encoded.jpeg()).into_response())
 }
 
 #[derive(Deserialize)]
@@ -163,6 +163,19 @@ async fn cancel(State(app): State<App>, _: Operator, Body(Nothing {}): Body<Noth
 async fn restart(State(app): State<App>, _: Operator, Body(Nothing {}): Body<Nothing>) -> Json<Value> {
     app.desk.feed.restart();
     Json(json!({}))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InUse {
+    name: String,
+    #[serde(default)]
+    new: bool,
+}
+
+async fn objective(State(app): State<App>, _: Operator, Body(body): Body<InUse>) -> Answer {
+    app.order(Order::Objective { name: body.name.clone(), new: body.new }).await?;
+    Ok(Json(json!({ "objective": body.name })))
 }
 
 async fn clear(State(app): State<App>, _: Operator, Body(Nothing {}): Body<Nothing>) -> Answer {
@@ -256,7 +269,7 @@ async fn autofocus(State(app): State<App>, _: Operator, Body(body): Body<Autofoc
     let focus = Focus {
         axis,
         range_um: body.range_um,
-        sample_step: Micrometres(body.sample_step_um.unwrap_or(0.5)),
+        sample_step: body.sample_step_um.map(Micrometres),
         strategy: match body.strategy {
             None | Some(StrategyName::Climb) => Strategy::Climb,
             Some(StrategyName::Mixed) => Strategy::Mixed,

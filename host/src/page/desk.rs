@@ -4,6 +4,7 @@ use super::control::Control;
 use super::feed::Feed;
 use super::line::Watcher;
 use super::snapshot::Reading;
+use super::turret::Turret;
 use super::wizard::Wizard;
 use crate::focus::Measure;
 use crate::link::transport::real_now;
@@ -144,6 +145,8 @@ pub struct Desk {
     pub simulated: bool,
     /// Where the rig is kept; `None`: nowhere.
     pub rig_path: Option<PathBuf>,
+    /// The microscope's own turret; `None`: a person changes objectives.
+    pub turret: Option<Turret>,
     rig: Mutex<Rig>,
     activity: Mutex<Activity>,
     curve: Mutex<CurveSoFar>,
@@ -179,6 +182,8 @@ pub struct Setup {
     pub rig: Rig,
     /// Where it is kept.
     pub rig_path: Option<PathBuf>,
+    /// The microscope's own turret, if it has one.
+    pub turret: Option<Turret>,
 }
 
 impl Desk {
@@ -191,6 +196,7 @@ impl Desk {
             camera: setup.camera,
             simulated: setup.simulated,
             rig_path: setup.rig_path,
+            turret: setup.turret,
             rig: Mutex::new(setup.rig),
             activity: Mutex::default(),
             curve: Mutex::default(),

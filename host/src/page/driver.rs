@@ -1,11 +1,12 @@
 //! The thread that moves things: it alone drives the boards, one order after another.
 
+use super::calibrating::Calibration;
 use super::desk::{Desk, Doing, Level};
 use super::focusing::Scan;
 use super::jog::Watchdog;
 use super::order::{Answer, Envelope, Order, OrderError, STALE_MS};
 use super::places;
-use super::wizard::Calibration;
+use super::turret::put_in_use;
 use crate::link::LinkError;
 use crate::link::explain::Explained;
 use crate::link::transport::{later, real_now};
@@ -200,6 +201,10 @@ impl Driver {
             Order::Calibrate(plan) => {
                 let calibration = Calibration::begin(&self.desk, plan);
                 return Ok(Begun { id: calibration.id(), rest: Some(Rest::Calibration(calibration)) });
+            }
+            Order::Objective { name, new } => {
+                put_in_use(&self.desk, &name, new)?;
+                Ok(activity.id)
             }
             Order::ClearEmergency => {
                 for link in self.stage.boards_mut() {

@@ -112,14 +112,14 @@ impl Feed {
                     inside.last = frame.arrival;
                     inside.count += 1;
                     inside.health = Health::Running;
-                    if inside.frames.len() == KEPT {
-                        inside.frames.pop_front();
-                    }
+                    let old = if inside.frames.len() == KEPT { inside.frames.pop_front() } else { None };
                     let count = inside.count;
                     inside.frames.push_back((count, Arc::new(frame)));
                     drop(inside);
+                    // A scan that waits goes first; then the page, then a frame's memory is given back.
                     self.0.news.notify_all();
                     self.0.count.send_replace(count);
+                    drop(old);
                 }
             }
         }
@@ -222,7 +222,7 @@ mod tests {
                 return Err(CameraError::Ended { camera: self.name(), reason: "out of film".into() });
             }
             let picture = Picture::grey8(1, 1, vec![self.0 as u8]).unwrap();
-            Ok(Some(Frame { picture, number: self.0, exposure: None, arrival: real_now() }))
+            Ok(Some(Frame { picture: picture.into(), number: self.0, exposure: None, arrival: real_now() }))
         }
     }
 

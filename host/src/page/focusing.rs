@@ -1,23 +1,19 @@
 //! A scan for focus on the page's frames, its curve shown as it comes.
 
-use super::desk::{CurveSoFar, Desk, Doing};
+use super::desk::{AxisInfo, CurveSoFar, Desk, Doing};
 use super::order::{Focus, OrderError};
 use crate::autofocus::{CameraSource, Latency, Progress, REACH, Sample, run as scan};
 use crate::frames::camera::Camera;
 use crate::link::explain::scan_refusal;
 use crate::link::transport::real_now;
+use crate::picture::Roi;
 use crate::procedure::{FocusTask, Focuser, ProcedureError};
 use crate::rig::CameraLatency;
 use crate::stage::{Stage, StageError};
-use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters, Strategy, Subject};
-use parfocal_protocol::units::{Axis, Micrometres, MicrometresPerSecond, Milliseconds, Nanometres};
+use parfocal_protocol::autofocus::{Outcome, ScanId, ScanParameters};
+use parfocal_protocol::units::{Axis, Micrometres};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-
-/// All local maxima lie within this distance of the focus, µm.
-const TRAP_UM: f64 = 10.0;
-/// First step to find the uphill direction, µm.
-const PROBE_UM: f64 = 5.0;
 
 /// A scan that is about to run.
 pub struct Scan {
@@ -36,7 +32,7 @@ impl Scan {
         let start = stage.position(focus.axis)?;
         let (_, axis) = stage.find(focus.axis)?;
         let none = || OrderError::Value(format!("this rig has no axis {}", focus.axis));
-        let parameters = parameters(focus, start, axis, desk.axis(focus.axis).ok_or_else(none)?)?;
+        let parameters = parameters(focus, start, axis, desk.axis(focus.axis).ok_or_else(none)?, depth_um(desk))?;
         let halts = desk.halts();
         let id = desk.begin(Doing::Autofocus, format!("focusing with {}", focus.axis));
         *desk.curve() = CurveSoFar { id, axis: Some(focus.axis), ..CurveSoFar::default() };
@@ -119,12 +115,7 @@ impl Focuser for PageFocuser {
     ) -> Result<Micrometres, ProcedureError> {
         let desk = &self.desk;
         let (link, axis) = stage.find(task.axis)?;
-        let nm = |at: Micrometres| at.nanometres().ok_or(StageError::NoPosition { name: task.axis, at: at.0 });
-        let parameters = ScanParameters {
-            low: nm(task.low)?,
-            high: nm(task.high)?,
-            ..plain(axis, nm(Micrometres(0.5))?, nm(Micrometres(TRAP_UM))?, nm(Micrometres(PROBE_UM))?)
-        };
+        let parameters = task.parameters(axis, scan_id())?;
         let (id, measure) = (desk.activity().id, desk.looking().measure);
         *desk.curve() = CurveSoFar { id, axis: Some(task.axis), ..CurveSoFar::default() };
         let mut source = CameraSource::new(camera, Some(task.region), measure, latency(desk));
@@ -155,30 +146,12 @@ fn latency(desk: &Desk) -> Option<Latency> {
     desk.rig().contents().camera.as_ref()?.latency.as_ref().map(CameraLatency::in_force)
 }
 
-/// A scan of no range yet, stepwise uphill.
-fn plain(axis: Axis, sample_step: Nanometres, trap: Nanometres, probe: Nanometres) -> ScanParameters {
-    ScanParameters {
-        scan: ScanId(rand::random()),
-        axis,
-        strategy: Strategy::Climb,
-        mode: Mode::Step,
-        subject: Subject::Peak,
-        low: Nanometres(0),
-        high: Nanometres(0),
-        sample_step,
-        trap,
-        probe,
-        speed: MicrometresPerSecond(0.0),
-        sample_timeout: Milliseconds(2000),
-        verify: false,
-    }
-}
-
 fn parameters(
     focus: &Focus,
     start: Micrometres,
     axis: Axis,
-    info: &super::desk::AxisInfo,
+    info: &AxisInfo,
+    depth_of_field_um: Option<f64>,
 ) -> Result<ScanParameters, OrderError> {
     let (mut low, mut high) = (info.settings.low.micrometres().0, info.settings.high.micrometres().0);
     let [down, up] = focus.range_um.unwrap_or([-REACH.0, REACH.0]);
@@ -186,17 +159,26 @@ fn parameters(
     if !(low < high) {
         return Err(OrderError::Value(format!("the range leaves nothing of {}'s travel to scan", focus.axis)));
     }
-    let nm = |what: &str, um: f64| {
-        let cannot = || OrderError::Value(format!("{what} of {um} µm is no length a stage can have"));
-        Micrometres(um).nanometres().ok_or_else(cannot)
+    let region = Roi { x: 0, y: 0, width: 1, height: 1 };
+    let (low, high) = (Micrometres(low), Micrometres(high));
+    let task = FocusTask { axis: focus.axis, low, high, region, depth_of_field_um };
+    let plain = task.parameters(axis, scan_id())?;
+    let step = |um: Micrometres| {
+        let cannot = || OrderError::Value(format!("a sample step of {} µm is no length a stage can have", um.0));
+        um.nanometres().ok_or_else(cannot)
     };
-    let [step, trap, probe] =
-        [nm("a sample step", focus.sample_step.0)?, nm("a trap", TRAP_UM)?, nm("a probe", PROBE_UM)?];
-    Ok(ScanParameters {
-        strategy: focus.strategy,
-        subject: focus.subject,
-        low: nm("a low end", low)?,
-        high: nm("a high end", high)?,
-        ..plain(axis, step, trap, probe)
-    })
+    let sample_step = focus.sample_step.map(step).transpose()?.unwrap_or(plain.sample_step);
+    Ok(ScanParameters { strategy: focus.strategy, subject: focus.subject, sample_step, ..plain })
+}
+
+/// A number that the board has not heard.
+fn scan_id() -> ScanId {
+    ScanId(rand::random())
+}
+
+/// Depth of field of the objective in use, if it is known.
+fn depth_um(desk: &Desk) -> Option<f64> {
+    let rig = desk.rig();
+    let contents = rig.contents();
+    contents.objectives.get(contents.objective_in_use.as_ref()?)?.depth_of_field_um
 }

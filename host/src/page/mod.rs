@@ -8,6 +8,7 @@ mod api;
 mod api_calibration;
 mod assets;
 mod body;
+mod calibrating;
 pub mod control;
 pub mod desk;
 mod driver;
@@ -16,6 +17,7 @@ mod focusing;
 mod front;
 pub mod jog;
 mod jpeg;
+mod known;
 pub mod line;
 mod order;
 mod places;
@@ -23,6 +25,7 @@ pub mod security;
 mod snapshot;
 mod socket;
 mod solving;
+mod turret;
 mod wizard;
 
 use crate::rig::Rig;
@@ -37,6 +40,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 use thiserror::Error;
+pub use turret::Turret;
 
 /// Where the page is served unless another address is asked for.
 pub const ADDRESS: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 8321);
@@ -87,6 +91,8 @@ pub struct Options {
     pub rig: Rig,
     /// Where it is kept.
     pub rig_path: Option<PathBuf>,
+    /// The microscope's own turret, if it has one.
+    pub turret: Option<Turret>,
 }
 
 /// A page that is being served. Dropping it stops what moves and ends it.
@@ -129,6 +135,7 @@ impl Page {
             simulated: options.simulated,
             rig: options.rig,
             rig_path: options.rig_path,
+            turret: options.turret,
         }));
         let (orders, inbox) = channel();
         let driver = Driver::start(desk.clone(), options.stage, inbox);

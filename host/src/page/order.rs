@@ -47,6 +47,13 @@ pub enum Order {
     Autofocus(Focus),
     /// Calibrate something.
     Calibrate(Plan),
+    /// Another objective is in the light path, or shall be.
+    Objective {
+        /// Its name.
+        name: String,
+        /// Whether the rig's file does not have it yet.
+        new: bool,
+    },
     /// Leave the emergency stop.
     ClearEmergency,
 }
@@ -58,8 +65,8 @@ pub struct Focus {
     pub axis: AxisName,
     /// How far to look, µm from where it is; its soft limits if `None`.
     pub range_um: Option<[f64; 2]>,
-    /// Distance between samples.
-    pub sample_step: Micrometres,
+    /// Distance between samples; half a depth of field if `None`.
+    pub sample_step: Option<Micrometres>,
     /// How the peak is looked for.
     pub strategy: Strategy,
     /// Peak or phase object.

@@ -2,13 +2,13 @@
 
 use super::desk::{Desk, Doing, Ended, Message};
 use super::feed::Health;
+use super::known::{Known, known};
 use super::places::{self, Tip};
 use super::wizard::Shown;
 use crate::autofocus::source::judge;
-use crate::calibration::chain::Chain;
 use crate::link::transport::real_now;
 use crate::picture::Roi;
-use crate::rig::{AxisName, ManipulatorNumber};
+use crate::rig::AxisName;
 use parfocal_protocol::autofocus::FrameFault;
 use parfocal_protocol::message::Trust;
 use serde::Serialize;
@@ -35,7 +35,7 @@ pub struct State {
     camera: CameraState,
     focus: FocusState,
     tips: Vec<Tip>,
-    calibrated: Calibrated,
+    calibrated: Known,
     calibration: Option<Shown>,
     messages: Vec<Message>,
 }
@@ -91,17 +91,6 @@ struct FocusState {
     samples: usize,
     focused_um: Option<f64>,
     refused: Option<String>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Calibrated {
-    camera: bool,
-    pixel_um: Option<[f64; 2]>,
-    manipulators: Vec<ManipulatorNumber>,
-    objective: Option<String>,
-    /// Why clicks cannot move anything yet.
-    missing: Option<String>,
-    kept_in: Option<String>,
 }
 
 /// The focus measure of the latest frame.
@@ -160,11 +149,8 @@ fn read(desk: &Desk, reading: &mut Reading) {
 /// The desk now.
 fn state(desk: &Desk, reading: Reading) -> State {
     let rig = desk.rig().clone();
-    let contents = rig.contents();
-    let calibration = contents.camera.as_ref().and_then(|camera| camera.calibration.as_ref());
     let activity = desk.activity().clone();
-    let curve = desk.curve();
-    let looking = desk.looking();
+    let focus = focus(desk, reading);
     State {
         r#type: "state",
         version: env!("CARGO_PKG_VERSION"),
@@ -180,36 +166,28 @@ fn state(desk: &Desk, reading: Reading) -> State {
             ended: activity.ended.iter().rev().take(3).cloned().collect(),
         },
         camera: camera(desk),
-        focus: FocusState {
-            measure: looking.measure.to_string(),
-            region: looking.region,
-            value: reading.value,
-            fault: reading.fault,
-            scan: curve.id,
-            axis: curve.axis,
-            samples: curve.samples.len(),
-            focused_um: curve.focused_um,
-            refused: curve.refused.clone(),
-        },
+        focus,
         tips: places::tips(desk, &rig),
-        calibrated: Calibrated {
-            camera: calibration.is_some(),
-            pixel_um: calibration.map(|c| {
-                let [[a, b], [c, d]] = c.matrix_um_per_px;
-                [a.hypot(c), b.hypot(d)]
-            }),
-            manipulators: contents
-                .manipulators
-                .iter()
-                .filter(|(_, m)| m.registration.is_some())
-                .map(|(n, _)| *n)
-                .collect(),
-            objective: contents.objective_in_use.clone(),
-            missing: Chain::of(&rig).err().map(|e| e.to_string()),
-            kept_in: desk.rig_path.as_ref().map(|path| path.display().to_string()),
-        },
+        calibrated: known(desk, &rig),
         calibration: desk.wizard().shown().cloned(),
         messages: desk.messages(),
+    }
+}
+
+fn focus(desk: &Desk, reading: Reading) -> FocusState {
+    let looking = desk.looking();
+    // Let go of at once: a scan adds to it.
+    let curve = desk.curve();
+    FocusState {
+        measure: looking.measure.to_string(),
+        region: looking.region,
+        value: reading.value,
+        fault: reading.fault,
+        scan: curve.id,
+        axis: curve.axis,
+        samples: curve.samples.len(),
+        focused_um: curve.focused_um,
+        refused: curve.refused.clone(),
     }
 }
 

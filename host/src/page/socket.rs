@@ -1,12 +1,12 @@
 //! The page's WebSocket: states and curves as text, pictures as they can be taken, jogs the other way.
 //!
 //! A picture is sent only when the browser has drawn the one before the last: a slow browser misses pictures, nothing
-//! queues up. Reading and writing are tasks of their own: a browser that never reads can still be heard, and is left when it
+//! queues up, and no browser gets more than an eye can follow. Reading and writing are tasks of their own: a browser that never reads can still be heard, and is left when it
 //! has not taken a message for some seconds.
 
 use super::body::{Failure, read};
 use super::front::App;
-use super::jpeg::{Encoded, Levels};
+use super::jpeg::Levels;
 use super::order::Order;
 use crate::link::transport::real_now;
 use crate::rig::AxisName;
@@ -24,6 +24,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::time::Instant;
 
 /// Pages open at once.
 const PAGES: usize = 16;
@@ -31,6 +32,8 @@ const PAGES: usize = 16;
 const MESSAGE: usize = 16 * 1024;
 /// Pictures on their way to a browser at once.
 const PICTURES: usize = 2;
+/// Least time between two pictures for one browser: eyes need no more, and what they do not need costs a scan its processor.
+const PERIOD: Duration = Duration::from_millis(30);
 /// How long a browser may take for one message.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -201,10 +204,12 @@ async fn write(
     let mut states = app.states.clone();
     let mut frames = app.desk.feed.count();
     let mut seen = Seen::default();
+    let mut due = Instant::now();
     states.mark_changed();
     frames.mark_changed();
     loop {
         let picture = async {
+            tokio::time::sleep_until(due).await;
             // Nothing is taken before there is a picture to send with it.
             tokio::select! {
                 changed = frames.changed() => changed.ok()?,
@@ -233,7 +238,11 @@ async fn write(
                 Some(()) => {
                     let shown = *levels.borrow_and_update();
                     match latest(&app, &mut seen, shown).await {
-                        Some(message) => vec![message],
+                        Some(message) => {
+                            // A camera's own rhythm is kept: a picture that came late does not delay the next.
+                            due = (due + PERIOD).max(Instant::now() - PERIOD);
+                            vec![message]
+                        }
                         None => {
                             credits.add_permits(1);
                             continue;
@@ -255,35 +264,24 @@ async fn write(
 
 /// The samples of the curve that this page has not seen.
 fn curve(app: &App, seen: &mut Seen) -> Option<Message> {
-    let curve = app.desk.curve();
-    if curve.id != seen.scan {
-        (seen.scan, seen.samples) = (curve.id, 0);
-    }
-    if curve.samples.len() == seen.samples {
-        return None;
-    }
-    let new = &curve.samples[seen.samples..];
-    let text = json!({ "type": "curve", "scan": curve.id, "from": seen.samples, "samples": new }).to_string();
-    seen.samples = curve.samples.len();
-    Some(Message::Text(text.into()))
+    // Copied, and the curve is free again: the scan adds to it.
+    let (scan, from, new) = {
+        let curve = app.desk.curve();
+        let from = if curve.id == seen.scan { seen.samples.min(curve.samples.len()) } else { 0 };
+        (curve.id, from, curve.samples[from..].to_vec())
+    };
+    (seen.scan, seen.samples) = (scan, from + new.len());
+    let text = || json!({ "type": "curve", "scan": scan, "from": from, "samples": new }).to_string();
+    (!new.is_empty()).then(|| Message::Text(text().into()))
 }
 
-/// The latest picture, unless this page has it: the length of a JSON header in 4 bytes, the lower ones first, the header, a
-/// JPEG file.
+/// The latest picture, unless this page has it.
 async fn latest(app: &App, seen: &mut Seen, shown: Levels) -> Option<Message> {
     let (number, frame) = app.desk.feed.latest()?;
     if number == seen.frame && shown == seen.shown {
         return None;
     }
     (seen.frame, seen.shown) = (number, shown);
-    let (width, height) = (frame.picture.width, frame.picture.height);
-    let encoder = app.encoder.clone();
-    let encoded = tokio::task::spawn_blocking(move || encoder.encode(number, &frame, shown)).await.ok()?;
-    let Encoded { jpeg, shown: (low, high), .. } = encoded;
-    let header = json!({ "frame": number, "width": width, "height": height, "low": low, "high": high }).to_string();
-    let mut bytes = Vec::with_capacity(4 + header.len() + jpeg.len());
-    bytes.extend((header.len() as u32).to_le_bytes());
-    bytes.extend(header.as_bytes());
-    bytes.extend(&*jpeg);
-    Some(Message::Binary(bytes.into()))
+    let encoded = app.encoder.encode(number, frame, shown).await?;
+    Some(Message::Binary(encoded.message))
 }

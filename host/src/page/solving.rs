@@ -4,11 +4,14 @@ use super::wizard::What;
 use crate::calibration::camera::{self, Options};
 use crate::calibration::chain::{Chain, Pixel, Sensor};
 use crate::calibration::frames::Point;
+use crate::calibration::objective;
 use crate::calibration::registration;
 use crate::calibration::report;
 use crate::calibration::robust::{Estimator, Model, ScalePrior, Solution};
+use crate::calibration::statistics;
 use crate::procedure::{FramePixel, Sample, Window, what_moves};
-use crate::rig::{self, CameraCalibration, ManipulatorNumber, Record, Rig};
+use crate::rig::{self, CameraCalibration, ManipulatorNumber, Record, Rig, Zoom};
+use nalgebra::{Matrix2, Vector3};
 
 /// A solved calibration.
 pub struct Solved {
@@ -40,6 +43,8 @@ pub fn solve(rig: &Rig, what: &What, samples: &[Sample], seed: u64) -> Result<So
     match what {
         What::Camera(_) => solve_camera(rig, samples, seed),
         What::Registration(number) => solve_registration(rig, *number, samples, seed),
+        What::Objectives(_, names) => solve_objectives(rig, names, samples, seed),
+        What::IntoView(..) => Err("a tip brought into view needs no solving".into()),
     }
 }
 
@@ -100,6 +105,55 @@ fn solve_registration(rig: &Rig, number: ManipulatorNumber, samples: &[Sample], 
     Ok(Solved { rig: proposed, verdict, rms_um: fit.solution.rms(), samples: solved })
 }
 
+fn solve_objectives(rig: &Rig, names: &[String], samples: &[Sample], seed: u64) -> Result<Solved, String> {
+    let camera = rig.contents().camera.as_ref().ok_or("the camera is not calibrated")?;
+    let (sensor, window) = (Sensor { width_px: camera.width_px, height_px: camera.height_px }, Window::of(camera));
+    let [[a, b], [c, d]] = camera.calibration.as_ref().ok_or("the camera is not calibrated")?.matrix_um_per_px;
+    let matrix = Matrix2::new(a, b, c, d);
+    let back = matrix.try_inverse().ok_or("the camera's matrix is singular")?;
+    let default = names.first().ok_or("no objectives were named")?;
+    let points: Vec<_> = samples.iter().filter_map(Sample::objective).collect();
+    let fits = objective::fit(&points, default, sensor, &matrix, &options(seed)).map_err(|e| e.to_string())?;
+    let mut proposed = rig.clone();
+    let zoom = rig.contents().zoom_in_use.unwrap_or(1.0);
+    for fit in &fits {
+        let record = Some(record(&fit.solution, seed));
+        proposed.set_zoom(&fit.name, Zoom { zoom, alpha: fit.alpha, kappa_um: fit.kappa_um.into(), record });
+    }
+    // What the default objective saw says where the points are.
+    let in_um = |i: usize| matrix * sensor.to_image(points[i].pixel).coordinates.xy();
+    let place = |name: &str| {
+        let seen: Vec<_> =
+            (0..points.len()).filter(|i| points[*i].objective == *default && points[*i].point == name).collect();
+        let sum: Vector3<f64> = seen.iter().map(|i| points[*i].mic_um + in_um(*i).push(0.0)).sum();
+        sum / seen.len() as f64
+    };
+    let solved = |i: usize| {
+        let point = &points[i];
+        let (alpha, kappa, fit) = match fits.iter().find(|fit| fit.name == point.objective) {
+            Some(fit) => (fit.alpha, fit.kappa_um, Some(fit)),
+            None => (1.0, Vector3::zeros(), None),
+        };
+        let off = place(&point.point) - point.mic_um - kappa;
+        let image = back * off.xy() / alpha;
+        let at = sensor.to_pixel(Point::new(image.x, image.y, 0.0));
+        let nth = fit.and_then(|fit| Some((fit, fit.rows.iter().position(|row| *row == i + 1)?)));
+        match nth {
+            Some((fit, k)) => sample(&window, at, &fit.solution, k),
+            None => SolvedSample {
+                at: window.to_frame(at),
+                residual_um: (off - (alpha * in_um(i)).push(0.0)).norm(),
+                outlier: false,
+            },
+        }
+    };
+    let verdict = fits.iter().map(|fit| format!("{}: {}", fit.name, report::objective(fit, default).verdict));
+    let verdict = verdict.collect::<Vec<_>>().join(" ");
+    let rms_um = fits.iter().map(|fit| fit.solution.rms()).fold(0.0, f64::max);
+    let solved = (0..points.len()).map(solved).collect();
+    Ok(Solved { rig: proposed, verdict, rms_um, samples: solved })
+}
+
 /// The objective in use against the default one.
 fn alpha(rig: &Rig) -> Result<f64, String> {
     let contents = rig.contents();
@@ -135,5 +189,6 @@ fn record<const D: usize>(solution: &Solution<D>, seed: u64) -> Record {
         rms_um: solution.rms(),
         residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
         rejected: (0..solution.inliers.len()).filter(|&i| !solution.inliers[i]).map(|i| i + 1).collect(),
+        certainty: statistics::certainty(solution),
     }
 }

@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn a_click_answers_its_question_and_a_person_who_left_ends_it() {
         let picture = Picture::grey8(4, 4, vec![0; 16]).unwrap();
-        let frame = Frame { picture, number: 0, exposure: None, arrival: HostTime(0) };
+        let frame = Frame { picture: picture.into(), number: 0, exposure: None, arrival: HostTime(0) };
         let hint = Hint::anywhere(Subject::Point("speck".into()));
         let (mut finder, clicker) = clicks();
         let person = std::thread::spawn(move || {

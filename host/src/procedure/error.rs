@@ -114,6 +114,18 @@ pub enum ProcedureError {
         "{0} has no coarse registration: photograph the markers with 'parfocal calibrate coarse --pairs DIR --rig FILE', or bring its tip into view by hand"
     )]
     Uncoarse(ManipulatorNumber),
+    /// The objective shows too little to search with.
+    #[error(
+        "the tip is known to {error_um:.0} µm only, which takes {looks} looks through {objective}: name a weaker objective first, as in --through 4x,40x"
+    )]
+    SmallField {
+        /// The objective.
+        objective: String,
+        /// Looks that the search would take.
+        looks: usize,
+        /// Standard deviation of the tip's place, µm.
+        error_um: f64,
+    },
     /// The sample file.
     #[error("{}: cannot be written: {reason}", path.display())]
     Record {

@@ -10,7 +10,7 @@ use crate::picture::Roi;
 use crate::rig::AxisName;
 use crate::stage::{Stage, StageError};
 use parfocal_protocol::autofocus::{Mode, Outcome, ScanId, ScanParameters, Strategy, Subject};
-use parfocal_protocol::units::{Axis, Micrometres, MicrometresPerSecond, Milliseconds, Nanometres};
+use parfocal_protocol::units::{Axis, Micrometres, MicrometresPerSecond, Milliseconds};
 
 /// What to focus.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,36 @@ pub struct FocusTask {
     pub region: Roi,
     /// Depth of field of the objective in use, µm, if it is known: what lengths of a scan are counted in.
     pub depth_of_field_um: Option<f64>,
+}
+
+/// Depth of field when it is not known, µm: 40x/0.8 W.
+const DEPTH_UM: f64 = 1.0;
+
+impl FocusTask {
+    /// A climb that stops for every frame, its lengths in depths of field, on the board's axis `axis`.
+    ///
+    /// # Errors
+    /// [`StageError::NoPosition`]: a length or a place that no stage has.
+    pub fn parameters(&self, axis: Axis, scan: ScanId) -> Result<ScanParameters, StageError> {
+        let nm = |at: Micrometres| at.nanometres().ok_or(StageError::NoPosition { name: self.axis, at: at.0 });
+        let depth = self.depth_of_field_um.unwrap_or(DEPTH_UM);
+        let depths = |n: f64| nm(Micrometres(n * depth));
+        Ok(ScanParameters {
+            scan,
+            axis,
+            strategy: Strategy::Climb,
+            mode: Mode::Step,
+            subject: Subject::Peak,
+            low: nm(self.low)?,
+            high: nm(self.high)?,
+            sample_step: depths(0.5)?,
+            trap: depths(10.0)?,
+            probe: depths(5.0)?,
+            speed: MicrometresPerSecond(0.0),
+            sample_timeout: Milliseconds(2000),
+            verify: false,
+        })
+    }
 }
 
 /// Brings an axis into focus.
@@ -50,37 +80,10 @@ pub struct ScanFocuser {
     next: u16,
 }
 
-/// Depth of field when it is not known, µm: 40x/0.8 W.
-const DEPTH_UM: f64 = 1.0;
-
 impl ScanFocuser {
     /// Scans with `measure`; `first` begins their numbers, which the board tells apart.
     pub fn new(measure: Measure, first: u16) -> Self {
         Self { measure, next: first }
-    }
-
-    fn parameters(&mut self, axis: Axis, task: &FocusTask) -> Result<ScanParameters, ProcedureError> {
-        let nm = |at: Micrometres| -> Result<Nanometres, ProcedureError> {
-            Ok(at.nanometres().ok_or(StageError::NoPosition { name: task.axis, at: at.0 })?)
-        };
-        self.next = self.next.wrapping_add(1).max(1);
-        let depth = task.depth_of_field_um.unwrap_or(DEPTH_UM);
-        let depths = |n: f64| nm(Micrometres(n * depth));
-        Ok(ScanParameters {
-            scan: ScanId(self.next),
-            axis,
-            strategy: Strategy::Climb,
-            mode: Mode::Step,
-            subject: Subject::Peak,
-            low: nm(task.low)?,
-            high: nm(task.high)?,
-            sample_step: depths(0.5)?,
-            trap: depths(10.0)?,
-            probe: depths(5.0)?,
-            speed: MicrometresPerSecond(0.0),
-            sample_timeout: Milliseconds(2000),
-            verify: false,
-        })
     }
 }
 
@@ -93,7 +96,8 @@ impl Focuser for ScanFocuser {
         keep_on: &dyn Fn() -> bool,
     ) -> Result<Micrometres, ProcedureError> {
         let (link, axis) = stage.find(task.axis)?;
-        let parameters = self.parameters(axis, task)?;
+        self.next = self.next.wrapping_add(1).max(1);
+        let parameters = task.parameters(axis, ScanId(self.next))?;
         let mut source = CameraSource::new(camera, Some(task.region), self.measure, None);
         let scanned = run(link, &parameters, &mut source, &mut |_| {}, keep_on)?;
         if !keep_on() {

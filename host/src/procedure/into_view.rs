@@ -5,6 +5,8 @@
 //! ([`super::jog`]), which works far out of focus, and then focused. Each objective hands a better registration to the next; the last
 //! one sees the tip itself. Obstacles are kept clear of by what the registration may still be wrong.
 
+mod view;
+
 use super::camera::sample;
 use super::error::ProcedureError;
 use super::guard::{Targets, moves_sample, targets};
@@ -12,11 +14,13 @@ use super::jog::{Jogged, jogged};
 use super::live::{LiveRig, Progress, Seen};
 use super::point::{Found, NotFound, PointFinder, Subject, Witness};
 use super::record::{Recorder, Sample};
-use crate::calibration::chain::{Arm, Chain, ChainError, Pixel};
+use super::spiral::{outwards, spiral};
+use crate::calibration::chain::{Arm, ChainError, Pixel};
 use crate::calibration::frames::{Displacement, Man, Point, Ref};
-use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber, Rig};
+use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber};
 use nalgebra::{Vector2, Vector3};
 use parfocal_protocol::units::Micrometres;
+use view::View;
 
 /// What to do.
 #[derive(Clone, Debug)]
@@ -43,19 +47,24 @@ pub struct InView {
 /// Standard deviations that are searched.
 const SIGMAS: f64 = 3.0;
 /// A jogged pipette is told from its background this many depths of field from focus.
-const VISIBLE_DEPTHS: f64 = 5.0;
+const VISIBLE_DEPTHS: f64 = 15.0;
 /// Neighbouring places of the spiral overlap by the rest of this share of the picture.
 const SPIRAL_SHARE: f64 = 0.6;
 /// A jog, as a share of the picture's shorter side, and at least this many µm.
 const JOG_SHARE: f64 = 0.06;
 const JOG_LEAST_UM: f64 = 3.0;
-/// Depth of field when the rig's file does not say, µm.
-const DEPTH_UM: f64 = 1.0;
 /// What an objective leaves open of a tip found by a jog: depths of field, and shares of the picture's shorter side.
 const LEFT_DEPTHS: f64 = 1.0;
-const LEFT_SHARE: f64 = 0.05;
-/// Where along the pipette the tip's focus is looked for, in shares of the picture's shorter side behind where a jog saw its end.
-const BACK_SHARES: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
+const LEFT_SHARE: f64 = 0.02;
+/// How far back along the pipette the tip is looked for, as a share of the shorter side.
+const BACK_SHARE: f64 = 0.2;
+/// Heights at which the tip is looked for, and from where it was seen its focus: depths of field. Finders see tips 10 from focus.
+const SEEN_DEPTHS: f64 = 12.0;
+const FOCUS_DEPTHS: f64 = 20.0;
+/// What was found is the pipette's tip when the jog shows it there, as a share of the shorter side.
+const SAME_SHARE: f64 = 0.05;
+/// More looks than this are no search but an hour lost: a weaker objective needs few.
+const LOOKS: usize = 300;
 /// Heights that the pipette is lifted by when an obstacle is in the way, and how often.
 const LIFTS: usize = 12;
 
@@ -114,16 +123,6 @@ struct Hunt<'h, 'a> {
     correction: Vector3<f64>,
 }
 
-/// An objective's view.
-#[derive(Clone, Copy)]
-struct View {
-    chain: Chain,
-    middle: Pixel,
-    /// The picture's shorter side and the depth of field, µm.
-    side_um: f64,
-    depth_um: f64,
-}
-
 impl Hunt<'_, '_> {
     fn through(
         &mut self,
@@ -135,7 +134,7 @@ impl Hunt<'_, '_> {
             self.assume();
             change(name).map_err(ProcedureError::NotChanged)?;
             self.live.guard.set_objective(name);
-            let view = self.view(name)?;
+            let view = View::of(self.live.rig(), self.live.window(), name)?;
             self.live.tell(Progress::Begins(format!("Looking for the tip of {} through {name}.", self.number)));
             let at = self.search(&view)?;
             let last = k + 1 == objectives.len();
@@ -148,19 +147,6 @@ impl Hunt<'_, '_> {
         self.live.guard.assume_within(self.number, self.arm, SIGMAS * self.error.max());
     }
 
-    fn view(&self, name: &str) -> Result<View, ProcedureError> {
-        let mut rig: Rig = self.live.rig().clone();
-        rig.contents_mut().objective_in_use = Some(name.into());
-        let chain = Chain::of(&rig)?;
-        let side_px = self.live.window().side_px();
-        let unit = chain.ref_from_image(Vector3::zeros()).linear().column(0).norm();
-        let depth_um = rig.contents().objectives.get(name).and_then(|o| o.depth_of_field_um).unwrap_or(DEPTH_UM);
-        let sensor = chain.sensor();
-        let middle =
-            Pixel { x_px: (f64::from(sensor.width_px) - 1.0) / 2.0, y_px: (f64::from(sensor.height_px) - 1.0) / 2.0 };
-        Ok(View { chain, middle, side_um: side_px * unit, depth_um })
-    }
-
     /// Where the tip should be now.
     fn expected(&mut self) -> Result<Point<Ref>, ProcedureError> {
         let joints = self.live.pose()?.joints(self.number);
@@ -169,12 +155,17 @@ impl Hunt<'_, '_> {
 
     /// Looks in a spiral, height after height, from the likeliest place outwards. Gives the pixel where the tip was.
     fn search(&mut self, view: &View) -> Result<Pixel, ProcedureError> {
+        let heights = outwards(SIGMAS * self.error.z, 2.0 * VISIBLE_DEPTHS * view.depth_um);
+        let places = spiral(SIGMAS * self.error.x.max(self.error.y), SPIRAL_SHARE * view.side_um);
+        let looks = heights.len() * places.len();
+        if looks > LOOKS {
+            let objective = self.live.guard.objective().unwrap_or_default().into();
+            return Err(ProcedureError::SmallField { objective, looks, error_um: self.error.max() });
+        }
         self.lift(view)?;
-        let step = SPIRAL_SHARE * view.side_um;
-        let visible = VISIBLE_DEPTHS * view.depth_um;
         let mut why = None;
-        for height in outwards(SIGMAS * self.error.z, 2.0 * visible) {
-            for [x, y] in spiral(SIGMAS * self.error.x.max(self.error.y), step) {
+        for &height in &heights {
+            for &[x, y] in &places {
                 match self.look(view, Vector3::new(x, y, height)) {
                     Ok(Some(pixel)) => return Ok(pixel),
                     Ok(None) => {}
@@ -249,27 +240,20 @@ impl Hunt<'_, '_> {
     fn jog(&mut self, view: &View) -> Result<Option<Jogged>, ProcedureError> {
         let pose = self.live.pose()?;
         let home = pose.joints(self.number);
-        let direction = self.arm.direction().ok_or(ChainError::NoPipette(self.number))?;
-        let along = direction.coordinates.xy();
+        let along = self.direction()?.coordinates.xy();
         let across = Vector2::new(-along.y, along.x).try_normalize(1e-6).unwrap_or(Vector2::x());
         let by = across * (JOG_SHARE * view.side_um).max(JOG_LEAST_UM);
+        let by = Displacement::new(by.x, by.y, 0.0);
         let tip = self.arm.tip(home);
-        let aside = self.arm.joints_for(tip + Displacement::new(by.x, by.y, 0.0));
+        let aside = self.arm.joints_for(tip + by);
         let device = Device::Manipulator(self.number);
         self.live.move_to(&targets(device, aside.coordinates))?;
         let away = self.live.fresh_frame()?;
         self.live.move_to(&targets(device, home.coordinates))?;
         let here = self.live.fresh_frame()?;
         let position = self.live.microscope()?;
-        let window = self.live.window();
-        let pixel = |p: Point<Ref>| {
-            let at = window.to_frame(view.chain.ref_to_pixel(position, p).0);
-            Vector2::new(at.x_px, at.y_px)
-        };
-        let origin = pixel(tip);
-        let jog_px = pixel(tip + Displacement::new(by.x, by.y, 0.0)) - origin;
-        let reach = view.side_um / 10.0;
-        let towards = pixel(tip + Displacement::new(along.x * reach, along.y * reach, 0.0)) - origin;
+        let jog_px = view.frame_px(position, tip + by) - view.frame_px(position, tip);
+        let towards = view.towards(position, tip, self.direction()?);
         Ok(jogged(&away.picture, &here.picture, jog_px, towards))
     }
 
@@ -291,42 +275,69 @@ impl Hunt<'_, '_> {
             self.in_focus(view, &subject, reach)?
         } else {
             self.focus(view.middle, reach)?;
-            let window = self.live.window();
-            let at = match self.jog(view)? {
-                Some(Jogged::Tip(at)) => at,
-                Some(Jogged::Beyond(_)) | None => window.to_frame(view.middle),
-            };
+            let Some(Jogged::Tip(at)) = self.jog(view)? else { return Err(NotFound::Unseen(subject).into()) };
             let found = Found { at, confidence: 0.5, angle_deg: None, by: Witness::Detector };
-            Seen { pixel: window.to_sensor(at), found }
+            Seen { pixel: self.live.window().to_sensor(at), found }
         };
+        self.settle(view, &seen)?;
+        self.error.z = LEFT_DEPTHS * view.depth_um;
+        if !last {
+            self.assume();
+            return Ok(seen);
+        }
+        self.error = Vector3::repeat(LEFT_DEPTHS * view.depth_um);
+        self.assume();
+        // To the middle, where it is seen once more.
+        self.go(view, Vector3::zeros(), 0.0)?;
+        let seen = self.live.find(self.finder, &subject, Some(view.middle), Some(SAME_SHARE * view.side_px))?;
+        self.settle(view, &seen)?;
+        Ok(seen)
+    }
+
+    /// Corrects the registration by where the tip is seen, in focus.
+    fn settle(&mut self, view: &View, seen: &Seen) -> Result<(), ProcedureError> {
         let position = self.live.microscope()?;
         let place = view.chain.pixel_to_ref(position, seen.pixel).coordinates;
         let expected = self.expected()?;
         self.correct(place - expected.coordinates);
-        self.error.z = LEFT_DEPTHS * view.depth_um;
-        if last {
-            self.error = Vector3::repeat(LEFT_DEPTHS * view.depth_um);
-        }
-        self.assume();
-        Ok(seen)
+        Ok(())
     }
 
-    /// Focuses on the tip itself. What a jog shows ends up to a blur's radius beyond a tip far out of focus, where there is nothing to focus on:
-    /// then farther back along the pipette, from where the tip is found.
+    /// Looks for the tip itself at one height after the other. What a jog shows ends up to a blur's radius beyond a tip that is far out of
+    /// focus: the picture's middle goes back along the pipette for that.
     fn in_focus(&mut self, view: &View, subject: &Subject, reach: f64) -> Result<Seen, ProcedureError> {
-        let position = self.live.microscope()?;
-        let tip = view.chain.pixel_to_ref(position, view.middle);
-        let direction = self.arm.direction().ok_or(ChainError::NoPipette(self.number))?;
+        let z = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
+        let back = self.direction()?.coordinates.xy() * (-BACK_SHARE * view.side_um);
+        self.go(view, Vector3::new(back.x, back.y, 0.0), 0.0)?;
+        let (position, tip) = (self.live.microscope()?, self.expected()?);
+        let towards = view.towards(position, tip, self.direction()?);
+        self.live.expect_angle(towards.y.atan2(towards.x).to_degrees());
+        let first = self.live.pose()?.axis(z).0;
         let mut why = None;
-        for share in BACK_SHARES {
-            let back = view.chain.ref_to_pixel(position, tip + (-share * view.side_um) * direction).0;
-            match self.live.focus_on(self.finder, subject, Some(back), reach) {
+        for height in outwards(reach, SEEN_DEPTHS * view.depth_um) {
+            let seen = self.live.move_to(&[(z, Micrometres(first + height))]).and_then(|()| self.here(view, subject));
+            match seen {
                 Ok(seen) => return Ok(seen),
                 Err(error) if error.is_local() => why = Some(error),
                 Err(error) => return Err(error),
             }
         }
         Err(why.unwrap_or(ProcedureError::NotFound(NotFound::Unseen(subject.clone()))))
+    }
+
+    /// Finds the tip at this height, focuses on it, and sees by another jog that it is this pipette's.
+    fn here(&mut self, view: &View, subject: &Subject) -> Result<Seen, ProcedureError> {
+        let rough = self.live.find(self.finder, subject, None, None)?.pixel;
+        let seen = self.live.focus_on(self.finder, subject, Some(rough), FOCUS_DEPTHS * view.depth_um)?;
+        let at = self.live.window().to_frame(seen.pixel);
+        match self.jog(view)? {
+            Some(Jogged::Tip(jogged)) if jogged.distance_px(at) < SAME_SHARE * view.side_px => Ok(seen),
+            _ => Err(NotFound::Unseen(subject.clone()).into()),
+        }
+    }
+
+    fn direction(&self) -> Result<Displacement<Ref>, ProcedureError> {
+        Ok(self.arm.direction().ok_or(ChainError::NoPipette(self.number))?)
     }
 
     /// Focuses on the middle; where the microscope's range ends before the focus does, the pipette comes towards it, from below first.
@@ -352,50 +363,5 @@ impl Hunt<'_, '_> {
     fn correct(&mut self, by: Vector3<f64>) {
         self.correction += by;
         self.arm = self.arm.shifted(Displacement::from(by));
-    }
-}
-
-/// Heights from −reach to reach, `step` apart, the likeliest first.
-fn outwards(reach: f64, step: f64) -> Vec<f64> {
-    let count = (reach / step).ceil().max(0.0) as i32;
-    let mut all: Vec<f64> = (-count..=count).map(|k| f64::from(k) * step).collect();
-    if reach <= step / 2.0 {
-        return vec![0.0];
-    }
-    all.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
-    all
-}
-
-/// Places of a square grid within `reach` (and half a step) of the middle, from there outwards.
-fn spiral(reach: f64, step: f64) -> Vec<[f64; 2]> {
-    let count = (reach / step).ceil() as i32;
-    let mut all: Vec<[f64; 2]> = (-count..=count)
-        .flat_map(|x| (-count..=count).map(move |y| [f64::from(x) * step, f64::from(y) * step]))
-        .filter(|[x, y]| x.hypot(*y) <= reach + step / 2.0)
-        .collect();
-    all.sort_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])));
-    all
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_search_begins_in_the_middle_and_covers_its_reach() {
-        let places = spiral(300.0, 120.0);
-        assert_eq!(places[0], [0.0, 0.0]);
-        assert!(places.iter().all(|[x, y]| x.hypot(*y) <= 360.0));
-        // Every place within reach is within half a step of one looked at, in x and y.
-        for k in 0..200 {
-            let (r, a) = (300.0 * f64::from(k) / 200.0, f64::from(k) * 2.4);
-            let [x, y] = [r * a.cos(), r * a.sin()];
-            assert!(places.iter().any(|p| (p[0] - x).abs() <= 60.1 && (p[1] - y).abs() <= 60.1), "{x} {y}");
-        }
-        assert_eq!(spiral(10.0, 500.0)[0], [0.0, 0.0]);
-        let heights = outwards(100.0, 40.0);
-        assert_eq!(heights[0], 0.0);
-        assert!(heights.contains(&120.0) && heights.contains(&-120.0) && heights.len() == 7);
-        assert_eq!(outwards(10.0, 40.0), [0.0]);
     }
 }

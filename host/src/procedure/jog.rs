@@ -1,8 +1,9 @@
 //! A pipette told from everything else by moving it: what changed between two frames is the pipette, in focus or not.
 //!
-//! The difference of the two frames is smoothed and held against its own noise; the largest connected part that changed is the pipette, and its
-//! end in the direction that the pipette points in is the tip. Blur makes the end uncertain by its radius, thinness hides
-//! the last stretch of a tip at low magnification: enough to come closer, not to calibrate.
+//! The difference of the two frames is smoothed and held against its own noise; the largest connected part that changed is the pipette, where
+//! it was and where it is. What also changed one jog further is where it is, and its end in the direction that the pipette points in is
+//! the tip. Blur makes the end uncertain by its radius, thinness hides the last stretch of a tip at low magnification: enough to
+//! come closer, not to calibrate.
 
 use super::point::FramePixel;
 use crate::picture::{Data, Picture};
@@ -47,17 +48,27 @@ pub fn jogged(jogged: &Picture, here: &Picture, jog_px: Vector2<f64>, towards: V
     if (part.len() as f64) < least {
         return None;
     }
+    // Both of the pipette's places changed: it is now where one jog further changed too.
+    let (dx, dy) = (jog_px.x.round() as isize, jog_px.y.round() as isize);
+    let further = |i: usize| {
+        let (x, y) = ((i % w) as isize + dx, (i / w) as isize + dy);
+        let inside = (0..w as isize).contains(&x) && (0..h as isize).contains(&y);
+        // Beyond the border nobody knows.
+        !inside || changed[y as usize * w + x as usize]
+    };
+    let now: Vec<usize> = part.iter().copied().filter(|i| further(*i)).collect();
+    if now.is_empty() {
+        return None;
+    }
     let place = |i: usize| Vector2::new((i % w) as f64, (i / w) as f64);
-    let mut along: Vec<(f64, usize)> = part.iter().map(|i| (place(*i).dot(&towards), *i)).collect();
+    let mut along: Vec<(f64, usize)> = now.iter().map(|i| (place(*i).dot(&towards), *i)).collect();
     along.sort_by(|a, b| b.0.total_cmp(&a.0));
     // The very end is noise and smoothing: the tip is where the first few pixels are, half a window behind them.
     let first = &along[..(along.len() / 200).clamp(8, 40).min(along.len())];
     let end = first.iter().map(|(_, i)| place(*i)).sum::<Vector2<f64>>() / first.len() as f64;
     let (right, bottom) = (w as f64 - 1.0 - BORDER_PX, h as f64 - 1.0 - BORDER_PX);
     let inside = (BORDER_PX..right).contains(&end.x) && (BORDER_PX..bottom).contains(&end.y);
-    // Both places of the pipette changed; half of the jog leads from their middle to where it is.
-    let across = jog_px - towards * jog_px.dot(&towards);
-    let tip = end - across / 2.0 - towards * HALF as f64;
+    let tip = end - towards * HALF as f64;
     let at = |p: Vector2<f64>| FramePixel { x_px: p.x, y_px: p.y };
     Some(if inside { Jogged::Tip(at(tip)) } else { Jogged::Beyond(at(tip)) })
 }
@@ -164,23 +175,25 @@ mod tests {
         Vector2::new(there[0] - origin[0], there[1] - origin[1])
     }
 
+    /// The end of what changed lies beyond a tip by no more than its blur, and is smeared by the smoothing and the jog's rounding.
     #[test]
-    #[ignore = "its bounds were not yet seen to hold: run it with --run-ignored all"]
-    fn a_jogged_pipettes_end_is_its_tip_in_focus_and_far_from_it() {
-        for (seed, azimuth, defocus, within) in [(1, 0.2, 0.0, 12.0), (2, 2.8, 10.0, 30.0), (3, -1.3, -30.0, 70.0)] {
+    fn a_jogged_pipettes_end_is_its_tip_to_within_its_blur() {
+        for (seed, azimuth, defocus) in
+            [(1, 0.2, 0.0), (2, 2.8, 10.0), (3, -1.3, -30.0), (4, 0.9, 4.0), (5, 4.0, -60.0)]
+        {
+            let within = Optics::WATER_40X.body_blur_um(defocus) / PIXEL_UM + HALF as f64 + 3.0;
             let across: [f64; 2] = [-9.0 * f64::sin(azimuth), 9.0 * f64::cos(azimuth)];
             let [a, b] = frames([300.0, 250.0], azimuth, defocus, across, seed);
             let towards = in_picture(azimuth.cos(), azimuth.sin());
             let found = jogged(&a, &b, in_picture(across[0], across[1]), towards);
             let Some(Jogged::Tip(at)) = found else { panic!("seed {seed}: {found:?}") };
             let off = (at.x_px - 300.0).hypot(at.y_px - 250.0);
-            println!("defocus {defocus}: {off:.1} px off");
-            assert!(off < within, "seed {seed}: {at:?} is {off:.1} px off");
+            println!("defocus {defocus}: {off:.1} px off, {within:.1} allowed");
+            assert!(off < within, "seed {seed}: {at:?} is {off:.1} px off, {within:.1} allowed");
         }
     }
 
     #[test]
-    #[ignore = "its bounds were not yet seen to hold: run it with --run-ignored all"]
     fn a_tip_beyond_the_border_is_told_from_one_in_the_picture_and_from_none() {
         let (azimuth, across) = (0.0, [0.0, 9.0]);
         let towards = in_picture(1.0, 0.0);

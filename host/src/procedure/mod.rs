@@ -25,6 +25,7 @@ mod point;
 mod record;
 mod registration;
 mod shank;
+mod spiral;
 mod survey;
 
 pub use aim::{TipPlace, coaxial, microscope_to_pixel, tip_to, tip_to_pixel, tips};

@@ -139,12 +139,14 @@ pub struct Hint {
     pub expected: Option<FramePixel>,
     /// How far from there it may be, px of the frame; nothing farther off is taken.
     pub within_px: Option<f64>,
+    /// The direction in which a tip should point in the frame, if that is known: degrees as in [`Found::angle_deg`].
+    pub angle_deg: Option<f64>,
 }
 
 impl Hint {
     /// Looks for `subject` anywhere.
     pub fn anywhere(subject: Subject) -> Self {
-        Self { subject, expected: None, within_px: None }
+        Self { subject, expected: None, within_px: None, angle_deg: None }
     }
 
     /// Whether a place is as expected.

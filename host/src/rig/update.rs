@@ -118,6 +118,15 @@ impl Rig {
         changed
     }
 
+    /// Takes a manipulator's fine registration and its pipette's direction out of force: a hand has set it down elsewhere.
+    pub fn set_down(&mut self, number: ManipulatorNumber) {
+        if let Some(manipulator) = self.contents.manipulators.get_mut(&number) {
+            manipulator.registration = None;
+            manipulator.tip_offsets.clear();
+            manipulator.pipette = None;
+        }
+    }
+
     /// Puts a manipulator's registration in force. Tip offsets are counted from it, so the history starts anew.
     pub fn set_registration(&mut self, number: ManipulatorNumber, registration: Registration) {
         let manipulator = self.contents.manipulators.entry(number).or_default();

@@ -1,63 +1,13 @@
 //! Fits a pipette's end to the pixels about it.
 
-use super::model::{Cone, Drawing, GLASS, PLACES};
-use super::pyramid::Level;
-use nalgebra::{SMatrix, SVector};
+#![allow(clippy::needless_range_loop, reason = "lanes of several arrays, side by side")]
 
-/// Shapes that mix linearly: the pipette's, and the light's level and two slopes.
-const SHAPES: usize = GLASS + 3;
+use super::drawn::{Drawn, Places, Seam};
+use super::model::{Cone, GLASS, PLACES, SEAM_DEVIATION};
+use super::patch::{LANES, Lanes, Patch};
 
-/// The pixels of a disc, with their weights.
-#[derive(Debug)]
-pub struct Patch {
-    x: f64,
-    y: f64,
-    step: f64,
-    /// How many times finer than the model's optics a pixel is.
-    unit: f64,
-    radius: f32,
-    samples: Vec<Sample>,
-    /// Sum of the weights.
-    pub mass: f64,
-}
-
-/// A pixel: its place from the patch's middle, its value and its weight.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    x: f32,
-    y: f32,
-    value: f32,
-    weight: f32,
-}
-
-impl Patch {
-    /// The pixels of `level` within `radius` px of (`x`, `y`), px of the picture; those in the middle count most.
-    pub fn cut(level: &Level, x: f64, y: f64, radius: f64, unit: f64) -> Self {
-        let step = level.step as f64;
-        let range = |c: f64, n: usize| {
-            let low = ((c - radius) / step).ceil().max(0.0) as usize;
-            let high = ((c + radius) / step).floor().max(0.0) as usize;
-            low.min(n)..(high + 1).min(n)
-        };
-        let columns = range(x, level.width);
-        let mut samples = Vec::with_capacity(columns.len() * columns.len());
-        let mut mass = 0.0;
-        for j in range(y, level.height) {
-            let dy = level.picture_px(j) - y;
-            for i in columns.clone() {
-                let dx = level.picture_px(i) - x;
-                let share = (dx * dx + dy * dy) / (radius * radius);
-                if share < 1.0 {
-                    let value = level.values[j * level.width + i];
-                    let weight = (1.0 - share).powi(2);
-                    mass += weight;
-                    samples.push(Sample { x: dx as f32, y: dy as f32, value, weight: weight as f32 });
-                }
-            }
-        }
-        Self { x, y, step, unit, radius: radius as f32, samples, mass }
-    }
-}
+/// Pixels that a fit needs at least.
+const LEAST_PIXELS: usize = 52;
 
 /// A fitted pipette.
 #[derive(Clone, Debug)]
@@ -70,6 +20,10 @@ pub struct Fit {
     pub residual: f64,
     /// The same without any pipette: level and slopes of the light alone.
     pub empty: f64,
+    /// The share of the squares that the cone explains, where what does not look like one counts less.
+    pub explained: f64,
+    /// Standard error of the glass's share of the mix, in standard deviations of a pixel's noise.
+    pub glass_error: f64,
     /// Standard errors of the tip along and across the pipette, px.
     pub error_along: f64,
     pub error_across: f64,
@@ -83,15 +37,11 @@ pub struct Prior {
 }
 
 impl Prior {
-    fn penalty(&self, cone: &Cone) -> f64 {
+    pub fn penalty(&self, cone: &Cone) -> f64 {
         let p = cone.to_array();
         (0..PLACES).map(|i| ((p[i] - self.mean[i]) / self.deviation[i]).powi(2)).sum()
     }
 }
-
-type Shapes = SMatrix<f64, SHAPES, SHAPES>;
-type Mix = SVector<f64, SHAPES>;
-type Places = SMatrix<f64, PLACES, PLACES>;
 
 /// The longest step of each number of an [`Anchored`] cone in one round.
 const LEAP: [f64; PLACES] = [12.0, 12.0, 0.3, 4.0, 0.5, 8.0, 0.5];
@@ -147,127 +97,24 @@ fn distance(x: f64, y: f64, angle: f64, from: [f64; 2]) -> f64 {
     (x - from[0]) * angle.cos() + (y - from[1]) * angle.sin()
 }
 
-/// All shapes at all samples of a patch, for one cone.
-struct Drawn {
-    rows: Vec<[f32; SHAPES]>,
-    mix: Mix,
-    squares: f64,
-    inverse: Shapes,
-    seam: Seam,
-}
-
-/// How freely the seam joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seam {
-    Without,
-    With,
-}
-
-impl Drawn {
-    fn new(patch: &Patch, cone: &Cone, weights: &[f32], seam: Seam) -> Self {
-        let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
-        let inverse = 1.0 / patch.radius;
-        let rows = patch
-            .samples
-            .iter()
-            .map(|s| {
-                let [glass, lumen, seam] = drawing.shapes(s.x, s.y);
-                [glass, lumen, seam, 1.0, s.x * inverse, s.y * inverse]
-            })
-            .collect();
-        let mut drawn = Self { rows, mix: Mix::zeros(), squares: 0.0, inverse: Shapes::zeros(), seam };
-        drawn.solve(patch, weights);
-        drawn
-    }
-
-    /// Mixes the shapes for the least weighted squares.
-    fn solve(&mut self, patch: &Patch, weights: &[f32]) {
-        let mut normal = [[0.0_f64; SHAPES]; SHAPES];
-        let mut right = [0.0_f64; SHAPES];
-        let mut total = 0.0;
-        for ((row, sample), w) in self.rows.iter().zip(&patch.samples).zip(weights) {
-            for i in 0..SHAPES {
-                let wi = f64::from(w * row[i]);
-                right[i] += wi * f64::from(sample.value);
-                for j in 0..=i {
-                    normal[i][j] += wi * f64::from(row[j]);
-                }
-            }
-            total += f64::from(w * sample.value * sample.value);
-        }
-        let mut matrix = Shapes::from_fn(|i, j| if j <= i { normal[i][j] } else { normal[j][i] });
-        // Shapes that look alike when blurred share the light evenly.
-        let ridge = 1e-4 * normal[GLASS][GLASS].max(1e-12);
-        let seam = match self.seam {
-            Seam::Without => 1e9,
-            Seam::With => 1.0,
-        };
-        for (i, factor) in [1.0, 30.0, seam].into_iter().enumerate() {
-            matrix[(i, i)] += factor * ridge;
-        }
-        let right = Mix::from(right);
-        self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
-        self.mix = self.inverse * right;
-        self.squares = (total - self.mix.dot(&right)).max(0.0);
-    }
-
-    fn residuals(&self, patch: &Patch) -> Vec<f32> {
-        let mix: [f32; SHAPES] = std::array::from_fn(|i| self.mix[i] as f32);
-        let drawn = self.rows.iter().map(|row| row.iter().zip(&mix).map(|(a, b)| a * b).sum::<f32>());
-        patch.samples.iter().zip(drawn).map(|(s, d)| s.value - d).collect()
-    }
-
-    /// Derivatives of the residuals by the cone's numbers, the mix following along (Kaufman 1975).
-    fn derivatives(&self, patch: &Patch, cone: &Cone, weights: &[f32]) -> Vec<[f32; LANES]> {
-        let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
-        let mix: [f32; GLASS] = std::array::from_fn(|i| self.mix[i] as f32);
-        let mut shared = [[0.0_f32; LANES]; SHAPES];
-        let mut all: Vec<[f32; LANES]> = Vec::with_capacity(patch.samples.len());
-        for ((s, row), w) in patch.samples.iter().zip(&self.rows).zip(weights) {
-            let [a, b, c, d, e, f, g] = drawing.slopes(s.x, s.y, &mix);
-            let slopes = [-a, -b, -c, -d, -e, -f, -g, 0.0];
-            for (shared, shape) in shared.iter_mut().zip(row) {
-                let share = w * shape;
-                for (sum, slope) in shared.iter_mut().zip(&slopes) {
-                    *sum += share * slope;
-                }
-            }
-            all.push(slopes);
-        }
-        let shared = SMatrix::<f64, SHAPES, LANES>::from_fn(|i, k| f64::from(shared[i][k]));
-        let along = self.inverse * shared;
-        let along: [[f32; LANES]; SHAPES] = std::array::from_fn(|i| std::array::from_fn(|k| along[(i, k)] as f32));
-        for (slopes, row) in all.iter_mut().zip(&self.rows) {
-            for (shape, along) in row.iter().zip(&along) {
-                for (slope, along) in slopes.iter_mut().zip(along) {
-                    *slope -= shape * along;
-                }
-            }
-        }
-        all
-    }
-}
-
-/// Lanes of a row of derivatives: one more than a cone has numbers, so that they fill whole registers.
-const LANES: usize = 8;
-
 /// How much likelier a cone makes a patch than light alone does: the logarithm of the squares' ratio, for all its pixels.
 pub fn gain(patch: &Patch, cone: &Cone) -> f64 {
-    let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
-    let drawn = Drawn::new(patch, cone, &base, Seam::Without);
-    patch.mass * (empty_residual(patch) / drawn.squares.max(1e-12)).max(1.0).ln()
+    let drawn = Drawn::new(patch, cone, &patch.weights(), Seam::Without, 0.0);
+    patch.mass * (patch.empty / drawn.squares.max(1e-12)).max(1.0).ln()
 }
 
 /// Fits by Levenberg and Marquardt's method, at most `rounds` steps. `variance`: of a pixel's noise, at least. `None` where
 /// the patch holds too few pixels.
 pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam, rounds: usize) -> Option<Fit> {
-    if patch.samples.len() < 4 * (PLACES + SHAPES) {
+    if patch.count < LEAST_PIXELS {
         return None;
     }
-    let base: Vec<f32> = patch.samples.iter().map(|s| s.weight).collect();
+    let base = patch.weights();
     let mut weights = base.clone();
     let mut at = start;
-    let mut now = Drawn::new(patch, &at, &weights, seam);
+    // At first the seam is as it mostly is.
+    let mut stiffness = patch.mass;
+    let mut now = Drawn::new(patch, &at, &weights, seam, stiffness);
     let back = 0.4 * f64::from(patch.radius);
     let anchor = [start.x - back * start.angle.cos(), start.y - back * start.angle.sin()];
     if seam == Seam::With {
@@ -281,9 +128,9 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
             numbers[0] += shift * cos;
             numbers[1] += shift * sin;
             let cone = Anchored { at: anchor, numbers }.cone();
-            let drawn = Drawn::new(patch, &cone, &weights, seam);
-            if drawn.squares < best {
-                best = drawn.squares;
+            let drawn = Drawn::new(patch, &cone, &weights, seam, stiffness);
+            if drawn.cost < best {
+                best = drawn.cost;
                 at = cone;
                 now = drawn;
             }
@@ -292,29 +139,14 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
     let mut damping = 1e-2;
     let mut normal = Places::zeros();
     for round in 0..rounds {
-        reweigh(&now.residuals(patch), &base, variance, &mut weights);
-        now.solve(patch, &weights);
-        let residuals = now.residuals(patch);
-        let slopes = now.derivatives(patch, &at, &weights);
+        reweigh(&now.residuals, &base, patch.count, variance, &mut weights);
         let noise = (now.squares / patch.mass).max(variance);
+        stiffness = noise / (SEAM_DEVIATION * now.mix[0]).powi(2).max(noise);
+        now.solve(patch, &weights, stiffness);
         let params = at.to_array();
-        let mut pull = [0.0_f32; LANES];
-        let mut sums = [[0.0_f32; LANES]; PLACES];
-        for ((d, r), w) in slopes.iter().zip(&residuals).zip(&weights) {
-            let wr = w * r;
-            for (sum, slope) in pull.iter_mut().zip(d) {
-                *sum -= wr * slope;
-            }
-            for (sums, slope) in sums.iter_mut().zip(d) {
-                let share = w * slope;
-                for (sum, slope) in sums.iter_mut().zip(d) {
-                    *sum += share * slope;
-                }
-            }
-        }
-        let mut right = SVector::<f64, PLACES>::from_fn(|i, _| f64::from(pull[i]));
-        normal = Places::from_fn(|i, j| f64::from(sums[i.max(j)][i.min(j)]) / noise);
-        right /= noise;
+        let equations = now.equations(patch, &at, &weights);
+        normal = equations.normal / noise;
+        let mut right = equations.right / noise;
         for i in 0..PLACES {
             normal[(i, i)] += prior.deviation[i].powi(-2);
             right[i] -= (params[i] - prior.mean[i]) * prior.deviation[i].powi(-2);
@@ -323,7 +155,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
         let jacobian = anchored.jacobian();
         let bent = jacobian.transpose() * normal * jacobian;
         let right = jacobian.transpose() * right;
-        let cost = now.squares / noise + prior.penalty(&at);
+        let cost = now.cost / noise + prior.penalty(&at);
         let mut moved = 0.0;
         for _ in 0..4 {
             let mut damped = bent;
@@ -336,8 +168,8 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
             };
             let numbers = std::array::from_fn(|i| anchored.numbers[i] + step[i].clamp(-LEAP[i], LEAP[i]));
             let cone = Anchored { at: anchor, numbers }.cone();
-            let next = Drawn::new(patch, &cone, &weights, seam);
-            if next.squares / noise + prior.penalty(&cone) < cost {
+            let next = Drawn::new(patch, &cone, &weights, seam, stiffness);
+            if next.cost / noise + prior.penalty(&cone) < cost {
                 moved = (cone.x - at.x).hypot(cone.y - at.y);
                 at = cone;
                 now = next;
@@ -350,43 +182,35 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
             break;
         }
     }
-    let squares: f64 = now.residuals(patch).iter().zip(&base).map(|(r, b)| f64::from(b * r * r)).sum();
+    let mut squares = 0.0;
+    for (residual, base) in now.residuals.iter().zip(&base) {
+        squares += (0..LANES).map(|l| f64::from(base[l] * residual[l] * residual[l])).sum::<f64>();
+    }
     let covariance = normal.cholesky().map_or_else(Places::zeros, |c| c.inverse());
     let (sin, cos) = at.angle.sin_cos();
     let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
     Some(Fit {
         cone: at,
         unit: patch.unit,
-        mix: std::array::from_fn(|i| now.mix[i]),
+        explained: 1.0 - now.squares / now.empty_squares().max(1e-12),
+        glass_error: now.glass_error(),
+        mix: now.shares(),
         residual: squares / patch.mass,
-        empty: empty_residual(patch) / patch.mass,
+        empty: patch.empty / patch.mass,
         error_along: (xx * cos * cos + 2.0 * xy * sin * cos + yy * sin * sin).max(0.0).sqrt(),
         error_across: (xx * sin * sin - 2.0 * xy * sin * cos + yy * cos * cos).max(0.0).sqrt(),
     })
 }
 
 /// What does not look like a pipette (a cell beside it) counts less: Cauchy's weights about the typical residual.
-fn reweigh(residuals: &[f32], base: &[f32], variance: f64, weights: &mut [f32]) {
-    let mut sizes: Vec<f32> = residuals.iter().map(|r| r.abs()).collect();
+fn reweigh(residuals: &[Lanes], base: &[Lanes], count: usize, variance: f64, weights: &mut [Lanes]) {
+    let mut sizes: Vec<f32> = residuals.iter().flatten().take(count).map(|r| r.abs()).collect();
     let middle = sizes.len() / 2;
     let typical = 1.48 * *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
     let limit = 6.25 * (typical * typical).max(variance as f32).max(f32::MIN_POSITIVE);
     for ((w, b), r) in weights.iter_mut().zip(base).zip(residuals) {
-        *w = b / (1.0 + r * r / limit);
+        for l in 0..LANES {
+            w[l] = b[l] / (1.0 + r[l] * r[l] / limit);
+        }
     }
-}
-
-/// The sum of squares that the light's level and slopes alone leave.
-fn empty_residual(patch: &Patch) -> f64 {
-    let mut normal = SMatrix::<f64, 3, 3>::zeros();
-    let mut right = SVector::<f64, 3>::zeros();
-    let mut total = 0.0;
-    for s in &patch.samples {
-        let v = SVector::<f64, 3>::new(1.0, f64::from(s.x / patch.radius), f64::from(s.y / patch.radius));
-        let (value, weight) = (f64::from(s.value), f64::from(s.weight));
-        normal += v * v.transpose() * weight;
-        right += v * (weight * value);
-        total += weight * value * value;
-    }
-    normal.cholesky().map_or(0.0, |c| (total - c.solve(&right).dot(&right)).max(0.0))
 }

@@ -64,9 +64,11 @@ impl Light {
         for (j, row) in level.values.chunks_exact_mut(level.width).enumerate() {
             let v = 2.0 * (j as f64 + 0.5) / h - 1.0;
             let (level, slope, bend) = (t[0] + t[2] * v + t[5] * v * v, t[1] + t[4] * v, t[3]);
+            let (level, slope, bend) = (level as f32, slope as f32, bend as f32);
+            let (first, each) = ((1.0 / w - 1.0) as f32, (2.0 / w) as f32);
             for (i, value) in row.iter_mut().enumerate() {
-                let u = 2.0 * (i as f64 + 0.5) / w - 1.0;
-                *value -= (level + u * (slope + u * bend)) as f32;
+                let u = first + each * i as i32 as f32;
+                *value -= level + u * (slope + u * bend);
             }
         }
     }
@@ -80,11 +82,12 @@ pub fn noise(half: &Level) -> f64 {
         return 0.0;
     }
     let every = (half.height / 120).max(1);
+    let skipped = (w / 320).max(1);
     let mut seen = Vec::new();
     for y in (1..half.height - 1).step_by(every) {
         let (a, b, c) =
             (&half.values[(y - 1) * w..y * w], &half.values[y * w..][..w], &half.values[(y + 1) * w..][..w]);
-        seen.extend((1..w - 1).map(|x| {
+        seen.extend((1..w - 1).step_by(skipped).map(|x| {
             let corners = a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1];
             let sides = a[x] + c[x] + b[x - 1] + b[x + 1];
             (corners - 2.0 * sides + 4.0 * b[x]).abs()
@@ -94,14 +97,4 @@ pub fn noise(half: &Level) -> f64 {
     let typical = f64::from(*seen.select_nth_unstable_by(middle, f32::total_cmp).1);
     // The mask's weights square to 36; a median deviation is 0.6745 of a standard deviation.
     2.0 * typical / (6.0 * 0.6745)
-}
-
-/// A pixel's noise in a picture whose noise is smooth: as much white noise as would be left of it at a quarter of the resolution.
-pub fn smooth_noise(half: &Level) -> f64 {
-    let mut values: Vec<f32> = half.values.clone();
-    let middle = values.len() / 2;
-    let typical = |values: &mut Vec<f32>| *values.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let centre = typical(&mut values);
-    values.iter_mut().for_each(|v| *v = (*v - centre).abs());
-    4.0 * f64::from(typical(&mut values)) / 0.6745
 }

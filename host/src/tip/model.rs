@@ -4,9 +4,6 @@
 //! light makes of it, dark or bright, and are solved for in each place (variable projection: Golub and Pereyra 1973). How
 //! glass and the light bent at its walls blur and turn with depth is what a real focal stack shows (`docs/tips.md`).
 
-use super::dual::{Dual, Number};
-use std::sync::LazyLock;
-
 /// Place and shape of a pipette's end. Lengths are px of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
@@ -30,6 +27,10 @@ pub const PLACES: usize = 7;
 
 /// Shapes of the pipette that mix linearly: glass with its lumen, what the lumen differs by, and the seam of bent light.
 pub const GLASS: usize = 3;
+
+/// What the seam is of the glass with a real objective's bent light at half strength, and how far it may be from that.
+pub const SEAM: f64 = 2.5;
+pub const SEAM_DEVIATION: f64 = 1.5;
 
 /// Optics of a 40x/0.8 W objective at 0.32 µm/px, from a real focal stack; lengths in px, heights as the blur radius that they
 /// make. Another pixel size multiplies all of them.
@@ -80,15 +81,8 @@ pub struct Drawing {
     edge2: f32,
     /// Pixel sizes of [`optics`] in a pixel.
     unit: f32,
-}
-
-/// What a place's light depends on, px: its distance from the axis, half of the outline's width there, the glass's blur radius
-/// with its sign, and the distance from the rim's far side, along the axis.
-struct Place<N> {
-    across: N,
-    half: N,
-    defocus: N,
-    end: N,
+    /// One over the depth of the bent light, in px.
+    per_depth: f32,
 }
 
 /// A square pixel's variance is step²/12, a disc's of radius r is r²/4.
@@ -115,119 +109,119 @@ impl Drawing {
             body2: sharpest2(optics::BODY * unit, step),
             edge2: sharpest2(optics::EDGE * unit, step),
             unit: unit as f32,
+            per_depth: 1.0 / (optics::DEPTH * unit as f32),
         }
     }
 
     /// Distances from the tip along the shank, and across it.
-    #[inline]
+    #[inline(always)]
     fn along_across(&self, x: f32, y: f32) -> (f32, f32) {
         let (dx, dy) = (x - self.tip[0], y - self.tip[1]);
         (-(dx * self.cos + dy * self.sin), dy * self.cos - dx * self.sin)
     }
 
-    #[inline]
-    fn place(&self, s: f32, across: f32) -> Place<f32> {
-        let along = s.max(0.0);
-        Place {
-            across,
-            half: self.opening + self.widening * along,
-            defocus: self.blur + self.slope * along,
-            end: s + self.rim * self.opening,
-        }
+    /// One over the standard deviation of a blur: a disc's is half its radius.
+    #[inline(always)]
+    fn sharpness(&self, defocus: f32) -> (f32, f32) {
+        let squared = defocus * defocus;
+        let edge = squared * (optics::EDGE_SLOPE * optics::EDGE_SLOPE) + self.edge2;
+        (2.0 / (squared + self.body2).sqrt(), 2.0 / edge.sqrt())
     }
 
-    /// The pipette's shapes at a place.
-    #[inline]
-    pub fn shapes(&self, x: f32, y: f32) -> [f32; GLASS] {
-        let (s, across) = self.along_across(x, y);
-        self.light(&self.place(s, across))
+    /// Height over where walls bend no light, in units of the way to where they bend most.
+    #[inline(always)]
+    fn height(&self, defocus: f32) -> f32 {
+        (defocus - optics::NULL * self.unit) * self.per_depth
+    }
+
+    /// The pipette's shapes at a place. Without branches, so that a loop over places fills whole registers; without `SEAM`
+    /// that shape is 0.
+    #[inline(always)]
+    pub fn shapes<const SEAM: bool>(&self, x: f32, y: f32) -> [f32; GLASS] {
+        let (s, t) = self.along_across(x, y);
+        let along = s.max(0.0);
+        let (half, defocus) = (self.opening + self.widening * along, self.blur + self.slope * along);
+        let end = s + self.rim * self.opening;
+        let (sharp, edge) = self.sharpness(defocus);
+        let bar = |half: f32, sharp: f32| step((t + half) * sharp).0 - step((t - half) * sharp).0;
+        let cut = step(end * sharp).0;
+        let lumen = bar(half * optics::LUMEN, sharp) * cut;
+        let glass = bar(half, sharp) * cut - lumen * optics::BRIGHTNESS;
+        if !SEAM {
+            return [glass, lumen, 0.0];
+        }
+        let seam = (bar(half, edge) - bar(half, edge * (1.0 / optics::SPREAD))) * step(end * edge).0;
+        // A seam is bright below focus and dark above it, or the other way round.
+        let u = self.height(defocus);
+        [glass, lumen, seam * (u / (1.0 + u * u))]
     }
 
     /// How the shapes, mixed, change with each of the cone's numbers, in the order of [`Cone::to_array`].
-    #[inline]
-    pub fn slopes(&self, x: f32, y: f32, mix: &[f32; GLASS]) -> [f32; PLACES] {
+    #[inline(always)]
+    pub fn slopes<const SEAM: bool>(&self, x: f32, y: f32, mix: &[f32; GLASS]) -> [f32; PLACES] {
         let (s, t) = self.along_across(x, y);
-        let Place { across, half, defocus, end } = self.place(s, t);
-        let shapes = self.light(&Place {
-            across: Dual::variable(across, 0),
-            half: Dual::variable(half, 1),
-            defocus: Dual::variable(defocus, 2),
-            end: Dual::variable(end, 3),
-        });
-        let by = |k: usize| shapes.iter().zip(mix).map(|(shape, m)| m * shape.slopes[k]).sum::<f32>();
-        let (across, half, defocus, end) = (by(0), by(1), by(2), by(3));
+        let along = s.max(0.0);
+        let (half, defocus) = (self.opening + self.widening * along, self.blur + self.slope * along);
+        let end = s + self.rim * self.opening;
+        let (sharp, edge) = self.sharpness(defocus);
+        // A bar's value, and its derivatives by place, half width and sharpness.
+        let bar = |half: f32, sharp: f32| {
+            let ((right, dr), (left, dl)) = (step((t + half) * sharp), step((t - half) * sharp));
+            [right - left, sharp * (dr - dl), sharp * (dr + dl), (t + half) * dr - (t - half) * dl]
+        };
+        let (glass, lumen) = (bar(half, sharp), bar(half * optics::LUMEN, sharp));
+        let hollow = mix[1] - mix[0] * optics::BRIGHTNESS;
+        let body = |k: usize, factor: f32| mix[0] * glass[k] + hollow * factor * lumen[k];
+        let (cut, dcut) = step(end * sharp);
+        let mixed = body(0, 1.0);
+        let mut by_across = cut * body(1, 1.0);
+        let mut by_half = cut * body(2, optics::LUMEN);
+        let mut by_end = mixed * dcut * sharp;
+        let by_sharp = cut * body(3, 1.0) + mixed * dcut * end;
+        let mut by_defocus = -0.25 * sharp * sharp * sharp * defocus * by_sharp;
+        if SEAM {
+            let spread = 1.0 / optics::SPREAD;
+            let (near, wide) = (bar(half, edge), bar(half, edge * spread));
+            let (cut, dcut) = step(end * edge);
+            let u = self.height(defocus);
+            let fall = 1.0 / (1.0 + u * u);
+            let strength = mix[2] * u * fall;
+            let seam = near[0] - wide[0];
+            by_across += strength * cut * (near[1] - wide[1]);
+            by_half += strength * cut * (near[2] - wide[2]);
+            by_end += strength * seam * dcut * edge;
+            let by_edge = strength * (cut * (near[3] - wide[3] * spread) + seam * dcut * end);
+            let slope = optics::EDGE_SLOPE * optics::EDGE_SLOPE;
+            by_defocus += -0.25 * slope * edge * edge * edge * defocus * by_edge;
+            by_defocus += mix[2] * seam * cut * (1.0 - u * u) * fall * fall * self.per_depth;
+        }
         // Behind the tip only, width and blur change along the shank.
-        let (along, wider, blurred) =
-            if s > 0.0 { (s, half * self.widening, defocus * self.slope) } else { (0.0, 0.0, 0.0) };
-        let by_s = end + wider + blurred;
+        let behind = if s > 0.0 { 1.0 } else { 0.0 };
+        let (wider, blurred) = (behind * by_half * self.widening, behind * by_defocus * self.slope);
+        let by_s = by_end + wider + blurred;
         [
-            by_s * self.cos + across * self.sin,
-            by_s * self.sin - across * self.cos,
-            -t * by_s + s * across,
-            self.opening * (half + self.rim * end),
+            by_s * self.cos + by_across * self.sin,
+            by_s * self.sin - by_across * self.cos,
+            s * by_across - t * by_s,
+            self.opening * (by_half + self.rim * by_end),
             wider * along,
-            defocus,
-            blurred * along + end * self.opening * self.rim_slope,
+            by_defocus,
+            blurred * along + by_end * self.opening * self.rim_slope,
         ]
     }
-
-    #[inline]
-    fn light<N: Number>(&self, place: &Place<N>) -> [N; GLASS] {
-        let &Place { across, half, defocus, end } = place;
-        // A disc's standard deviation is half its radius: its inverse is two over the radius.
-        let sharpness = |square: N| {
-            let inverse = 2.0 / square.value().sqrt();
-            square.map(inverse, -0.5 * inverse / square.value())
-        };
-        let squared = defocus * defocus;
-        let sharp = sharpness(squared + N::constant(self.body2));
-        let edge = sharpness(squared.scale(optics::EDGE_SLOPE * optics::EDGE_SLOPE) + N::constant(self.edge2));
-        let bar = |half: N, sharp: N| step((across + half) * sharp) - step((across - half) * sharp);
-        let cut = step(end * sharp);
-        let lumen = bar(half.scale(optics::LUMEN), sharp) * cut;
-        let glass = bar(half, sharp) * cut - lumen.scale(optics::BRIGHTNESS);
-        let seam = (bar(half, edge) - bar(half, edge.scale(1.0 / optics::SPREAD))) * step(end * edge);
-        // A seam is bright below focus and dark above it, or the other way round.
-        let height = (defocus - N::constant(optics::NULL * self.unit)).scale(1.0 / (optics::DEPTH * self.unit));
-        let u = height.value();
-        let fall = 1.0 + u * u;
-        let strength = height.map(u / fall, (1.0 - u * u) / (fall * fall));
-        [glass, lumen, seam * strength]
-    }
 }
 
-const STEPS: usize = 1024;
-const SUPPORT: f32 = 4.0;
-
-/// The normal distribution's share below `x`, from a table.
-#[inline]
-fn step<N: Number>(x: N) -> N {
-    static TABLE: LazyLock<[f32; STEPS + 2]> = LazyLock::new(|| {
-        // Flat from its ends on: a last tread would have a slope that everything beyond it seems to have.
-        let mut table = [1.0; STEPS + 2];
-        for (i, value) in table.iter_mut().enumerate().take(STEPS) {
-            *value = normal_below(f64::from(SUPPORT) * (2.0 * i as f64 / STEPS as f64 - 1.0)) as f32;
-        }
-        table[0] = 0.0;
-        table[1] = 0.0;
-        table
-    });
-    let scale = STEPS as f32 / (2.0 * SUPPORT);
-    let u = ((x.value() + SUPPORT) * scale).clamp(0.0, STEPS as f32);
-    let i = u as usize;
-    let (low, high) = (TABLE[i], TABLE[i + 1]);
-    x.map(low + (u - i as f32) * (high - low), (high - low) * scale)
-}
-
-/// The share of a standard normal distribution below `x`, by its power series (Marsaglia 2004).
-fn normal_below(x: f64) -> f64 {
-    let (mut term, mut sum, mut n) = (x, x, 1.0);
-    while term.abs() > 1e-15 {
-        n += 2.0;
-        term *= x * x / n;
-        sum += term;
-    }
-    0.5 + sum * (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt()
+/// The normal distribution's share below `x`, and its density: a rational function, exact to 3·10⁻⁴ (Abramowitz and Stegun
+/// 1964, 7.1.27), and its derivative.
+#[inline(always)]
+fn step(x: f32) -> (f32, f32) {
+    let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
+    let p = 1.0 + z * (0.278_393 + z * (0.230_389 + z * (0.000_972 + z * 0.078_108)));
+    let slope = 0.278_393 + z * (2.0 * 0.230_389 + z * (3.0 * 0.000_972 + z * (4.0 * 0.078_108)));
+    let square = p * p;
+    let tail = 0.5 / (square * square);
+    let share = if x < 0.0 { tail } else { 1.0 - tail };
+    (share, 4.0 * std::f32::consts::FRAC_1_SQRT_2 * slope * tail / p)
 }
 
 #[cfg(test)]
@@ -241,12 +235,12 @@ mod tests {
         let at = [(28.0, 19.0), (39.0, 31.5), (35.0, 24.0), (10.0, 8.0)];
         for (x, y) in at {
             for mix in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
-                let slopes = Drawing::new(&cone, 2.0, [0.0, 0.0], 1.0).slopes(x, y, &mix);
+                let slopes = Drawing::new(&cone, 2.0, [0.0, 0.0], 1.0).slopes::<true>(x, y, &mix);
                 for (k, slope) in slopes.iter().enumerate() {
                     let moved = |d: f64| {
                         let mut p = cone.to_array();
                         p[k] += d;
-                        let shapes = Drawing::new(&Cone::from_array(p), 2.0, [0.0, 0.0], 1.0).shapes(x, y);
+                        let shapes = Drawing::new(&Cone::from_array(p), 2.0, [0.0, 0.0], 1.0).shapes::<true>(x, y);
                         shapes.iter().zip(&mix).map(|(s, m)| s * m).sum::<f32>()
                     };
                     // Small enough that an angle moves a point at the lever's end by less than a tenth of a pixel.

@@ -22,8 +22,12 @@ pub struct Wrongs {
     pub missing: Vec<usize>,
     /// The light goes out after so many frames.
     pub dark_after: Option<usize>,
-    /// A tip that belongs to no manipulator, px.
+    /// What looks more like a tip than the tips do, stays in the picture wherever the microscope goes, and cannot be focused, px.
     pub stray_tip: Option<[f64; 2]>,
+    /// The pipette (from 0) that breaks off after so many frames.
+    pub breaks: Option<(usize, usize)>,
+    /// The pipette (from 0) that has a second tip, so far beside it, px.
+    pub second_tip: Option<(usize, [f64; 2])>,
     /// The focus is refused one time in so many; 0: never.
     pub refuses: u32,
     /// The person stops the run after so many frames.
@@ -67,28 +71,32 @@ impl Eyes for TruthEyes {
         };
         self.lowest_um = pipettes.iter().map(|p| p.tip_um[2]).fold(self.lowest_um, f64::min);
         let (w, h) = (view.width as f64, view.height as f64);
-        let mut tips: Vec<(f64, f64, f64)> = Vec::new();
+        let mut tips: Vec<(f64, f64, f64, f64)> = Vec::new();
         for (i, p) in pipettes.iter().enumerate() {
             let [x, y] = view.picture_px([p.tip_um[0], p.tip_um[1]]).unwrap();
             let (sin, cos) = p.azimuth_rad.sin_cos();
             let [x1, y1] = view.picture_px([p.tip_um[0] + cos, p.tip_um[1] + sin]).unwrap();
             let inside = x > 6.0 && x < w - 7.0 && y > 6.0 && y < h - 7.0;
             let sharp = (p.tip_um[2] - view.focus_um).abs() <= BLURRED_UM;
-            if inside && sharp && !self.wrongs.missing.contains(&i) {
-                tips.push((x, y, (y1 - y).atan2(x1 - x).to_degrees()));
+            let broken = self.wrongs.breaks.is_some_and(|(n, after)| n == i && self.frames > after);
+            if inside && sharp && !broken && !self.wrongs.missing.contains(&i) {
+                let angle = (y1 - y).atan2(x1 - x).to_degrees();
+                tips.push((x, y, angle, 0.9));
+                let second = self.wrongs.second_tip.filter(|(n, _)| *n == i);
+                tips.extend(second.map(|(_, [dx, dy])| (x + dx, y + dy, angle, 0.9)));
             }
         }
         if let Some([x, y]) = self.wrongs.stray_tip {
-            tips.push((x, y, 45.0));
+            tips.push((x, y, 45.0, 0.95));
         }
-        let mut see = |(x, y, angle): (f64, f64, f64)| {
+        let mut see = |(x, y, angle, confidence): (f64, f64, f64, f64)| {
             let mut normal = || self.noise.normal();
             let mut at = FramePixel { x_px: x + 0.3 * normal(), y_px: y + 0.3 * normal() };
             let angle = angle + normal();
             if self.noise.uniform() < self.wrongs.astray {
                 at = FramePixel { x_px: self.noise.uniform() * w, y_px: self.noise.uniform() * h };
             }
-            Found { at, confidence: 0.9, angle_deg: Some(angle), by: Witness::Detector }
+            Found { at, confidence, angle_deg: Some(angle), by: Witness::Detector }
         };
         tips.into_iter().map(&mut see).collect()
     }
@@ -113,7 +121,7 @@ impl Camera for Lamp {
         Ok(frame.map(|frame| {
             let (w, h) = (frame.picture.width, frame.picture.height);
             let picture = Picture::grey8(w, h, vec![if lit { 120 } else { 1 }; w * h]).unwrap();
-            Frame { picture, ..frame }
+            Frame { picture: picture.into(), ..frame }
         }))
     }
 }
@@ -137,8 +145,9 @@ pub fn faulty(seed: u64) -> RigModel {
 }
 
 /// A run that has ended.
-pub struct Ran {
-    pub result: Result<Calibrated, AutoError>,
+#[derive(Debug)]
+pub struct Ran<T = Calibrated> {
+    pub result: Result<T, AutoError>,
     pub frames: usize,
     /// Every warning and every place passed over.
     pub said: Vec<String>,
@@ -150,11 +159,29 @@ pub struct Ran {
 
 /// Calibrates everything.
 pub fn run(world: &World, rig: &mut Rig, seed: u64, wrongs: &Wrongs, plan: &Plan) -> Ran {
+    let date = || "2026-11-25T00:00:00Z".to_owned();
+    let mut saves = 0;
+    let ran = work(world, seed, wrongs, &mut |work| {
+        calibrate(work, rig, plan, &date, &mut |_| {
+            saves += 1;
+            Ok(())
+        })
+    });
+    Ran { saves, ..ran }
+}
+
+/// Does something with eyes that know the truth.
+pub fn work<T>(
+    world: &World,
+    seed: u64,
+    wrongs: &Wrongs,
+    what: &mut dyn FnMut(&mut Work<'_>) -> Result<T, AutoError>,
+) -> Ran<T> {
     let mut stage = world.stage();
     let mut camera = Lamp { eye: world.camera(), frames: 0, dark_after: wrongs.dark_after };
     let mut focuser = TruthFocuser { refuses: wrongs.refuses, ..TruthFocuser::new(world, seed) };
     let mut eyes = TruthEyes::new(world, seed, wrongs);
-    let (mut said, mut saves) = (Vec::new(), 0);
+    let mut said = Vec::new();
     let looked = std::cell::Cell::new(0);
     let keep_on = || {
         looked.set(looked.get() + 1);
@@ -165,22 +192,17 @@ pub fn run(world: &World, rig: &mut Rig, seed: u64, wrongs: &Wrongs, plan: &Plan
             said.push(text);
         }
     };
-    let mut work = Work {
+    let result = what(&mut Work {
         stage: &mut stage,
         camera: &mut camera,
         focuser: &mut focuser,
         eyes: &mut eyes,
         keep_on: &keep_on,
         progress: &mut progress,
-    };
-    let date = || "2026-11-25T00:00:00Z".to_owned();
-    let result = calibrate(&mut work, rig, plan, &date, &mut |_| {
-        saves += 1;
-        Ok(())
     });
     stage.close();
     let (frames, lowest_um) = (eyes.frames, eyes.lowest_um);
-    Ran { result, frames, said, saves, lowest_um }
+    Ran { result, frames, said, saves: 0, lowest_um }
 }
 
 /// Both manipulators.

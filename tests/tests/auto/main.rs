@@ -1,7 +1,9 @@
 //! A calibration with nobody at the microscope, on the simulated rig in virtual time.
 
+mod by_markers;
 mod eyes;
 mod faults;
+mod recalibrated;
 mod seen;
 mod unattended;
 #[path = "../live/world.rs"]

@@ -5,26 +5,29 @@ use crate::world::{Noise, World, rig_file};
 use parfocal::autonomous::Plan;
 use parfocal::calibration::chain::Pixel;
 use parfocal::procedure::{Guard, tip_to_pixel};
-use parfocal::rig::Rig;
+use parfocal::rig::{ManipulatorNumber, Rig};
 use parfocal_protocol::units::Micrometres;
 
 /// Sends every tip to random pixels; the largest distance in xy from where those are, µm.
 pub fn farthest_off(world: &World, rig: &Rig, seed: u64) -> f64 {
+    both().into_iter().map(|n| send_to_random_pixels(world, rig, n, seed)).fold(0.0, f64::max)
+}
+
+/// Sends one tip to 50 random pixels.
+pub fn send_to_random_pixels(world: &World, rig: &Rig, n: ManipulatorNumber, seed: u64) -> f64 {
     let mut stage = world.stage();
     let keep_on = || true;
     let mut guard = Guard::new(&mut stage, rig, &keep_on);
-    let mut noise = Noise::new(seed);
+    let mut noise = Noise::new(seed ^ u64::from(n.get()) << 32);
     let mut worst = 0.0_f64;
-    for n in both() {
-        for _ in 0..50 {
-            let pixel = Pixel { x_px: 32.0 + 576.0 * noise.uniform(), y_px: 32.0 + 416.0 * noise.uniform() };
-            let pose = guard.pose().unwrap();
-            let targets = tip_to_pixel(rig, &pose, n, pixel, Micrometres(0.0)).unwrap();
-            guard.move_to(&targets).unwrap();
-            let [x, y, _] = world.tip(usize::from(n.get()) - 1);
-            let [sx, sy] = world.shown(pixel.x_px, pixel.y_px);
-            worst = worst.max((x - sx).hypot(y - sy));
-        }
+    for _ in 0..50 {
+        let pixel = Pixel { x_px: 32.0 + 576.0 * noise.uniform(), y_px: 32.0 + 416.0 * noise.uniform() };
+        let pose = guard.pose().unwrap();
+        let targets = tip_to_pixel(rig, &pose, n, pixel, Micrometres(0.0)).unwrap();
+        guard.move_to(&targets).unwrap();
+        let [x, y, _] = world.tip(usize::from(n.get()) - 1);
+        let [sx, sy] = world.shown(pixel.x_px, pixel.y_px);
+        worst = worst.max((x - sx).hypot(y - sy));
     }
     stage.close();
     worst

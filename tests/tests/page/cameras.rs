@@ -20,7 +20,7 @@ fn a_camera_that_dies_is_told_and_restarted_on_request() {
     let command =
         format!("exec:if [ -e {mark} ]; then {frames}; else touch {mark}; echo the lamp is off >&2; exit 1; fi");
     let mut served = Served::start(&["--camera", &command]);
-    let state = served.until("it is told", 10, |s| s["camera"]["health"] == "failed");
+    let state = served.until("it is told", 90, |s| s["camera"]["health"] == "failed");
     assert!(state["camera"]["problem"].as_str().unwrap().contains("the lamp is off"), "{}", state["camera"]);
     // Axes move all the same; focusing says why it cannot.
     served.take();
@@ -28,14 +28,14 @@ fn a_camera_that_dies_is_told_and_restarted_on_request() {
     let scan = served.post("/api/autofocus", &json!({ "wait": true })).json();
     assert!(scan["ok"] == false && scan["text"].as_str().unwrap().contains("the lamp is off"), "{scan}");
     assert_eq!(served.post("/api/camera/restart", &json!({})).status, 200);
-    let state = served.until("it runs", 10, |s| s["camera"]["health"] == "running");
+    let state = served.until("it runs", 90, |s| s["camera"]["health"] == "running");
     assert_eq!((state["camera"]["width_px"].as_u64(), state["camera"]["height_px"].as_u64()), (Some(16), Some(4)));
 }
 
 #[test]
 fn a_camera_that_stalls_is_told() {
     let served = Served::start(&["--camera", &format!("exec:{}", camera(16, 3, "sleep 100"))]);
-    let state = served.until("it is told", 20, |s| s["camera"]["health"] == "failed");
+    let state = served.until("it is told", 90, |s| s["camera"]["health"] == "failed");
     assert!(state["camera"]["problem"].as_str().unwrap().contains("delivered no frame"), "{}", state["camera"]);
 }
 
@@ -43,7 +43,7 @@ fn a_camera_that_stalls_is_told() {
 fn frames_that_change_their_size_are_told() {
     let command = format!("exec:{}; {}", camera(16, 3, "true"), camera(32, 3, "sleep 5"));
     let served = Served::start(&["--camera", &command]);
-    let state = served.until("it is told", 20, |s| s["camera"]["health"] == "failed");
+    let state = served.until("it is told", 90, |s| s["camera"]["health"] == "failed");
     assert!(state["camera"]["problem"].as_str().unwrap().contains("from 16x4 to 32x4"), "{}", state["camera"]);
 }
 

@@ -39,11 +39,11 @@ fn a_jog_ends_when_its_page_is_gone() {
         under_way(&served, &mut socket);
         if how == "closed" {
             drop(socket);
-            let state = served.until("the jog ends", 10, |s| s["activity"]["doing"] == "idle");
+            let state = served.until("the jog ends", 90, |s| s["activity"]["doing"] == "idle");
             assert_eq!(state["axes"][0]["moving"], false);
         } else {
             // A page that hangs: connected, and asking no more.
-            served.until("the jog ends", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
+            served.until("the jog ends", 90, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
             drop(socket);
         }
         let there = served.position("scope.x").unwrap();
@@ -67,10 +67,10 @@ fn two_pages_that_want_control_get_it_one_after_the_other() {
     };
     assert_eq!(go("", 10.0).status, 409, "nobody moves without a key");
     assert_eq!(go(&ann, 8000.0).status, 200);
-    served.until("it moves", 10, |s| s["axes"][1]["moving"] == true);
+    served.until("it moves", 90, |s| s["axes"][1]["moving"] == true);
     // By force: what Ann began is stopped.
     let bob = take("Bob", true).json()["key"].as_str().unwrap().to_owned();
-    let state = served.until("it stops", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][1]["moving"] == false);
+    let state = served.until("it stops", 90, |s| s["activity"]["doing"] == "idle" && s["axes"][1]["moving"] == false);
     assert!(state["axes"][1]["position_um"].as_f64().unwrap() < 7900.0);
     assert_eq!(state["operator"], "Bob");
     let refused = go(&ann, 0.0);
@@ -101,19 +101,19 @@ fn anyone_may_stop_a_move_and_a_scan() {
     let mut served = Served::start(&[]);
     served.take();
     assert_eq!(served.post("/api/move", &json!({ "to_um": { "scope.x": 9000.0 } })).status, 200);
-    served.until("it moves", 10, |s| s["axes"][0]["position_um"].as_f64().unwrap() > 100.0);
+    served.until("it moves", 90, |s| s["axes"][0]["position_um"].as_f64().unwrap() > 100.0);
     let stop = || send(&served.address, "POST", "/api/stop", &[("content-type", "application/json")], b"{}");
     assert_eq!(stop().status, 200);
-    let state = served.until("it stops", 10, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
+    let state = served.until("it stops", 90, |s| s["activity"]["doing"] == "idle" && s["axes"][0]["moving"] == false);
     assert!(state["axes"][0]["position_um"].as_f64().unwrap() < 8900.0);
     assert_ne!(state["axes"][0]["trust"], "lost");
 
     assert_eq!(served.post("/api/autofocus", &json!({ "strategy": "scan" })).status, 200);
-    served.until("it scans", 20, |s| s["focus"]["samples"].as_u64() > Some(5));
+    served.until("it scans", 90, |s| s["focus"]["samples"].as_u64() > Some(5));
     let busy = served.post("/api/move", &json!({ "to_um": { "scope.x": 0.0 } }));
     assert!(busy.status == 409 && busy.json()["error"].as_str().unwrap().contains("focusing"), "{busy:?}");
     assert_eq!(stop().status, 200);
-    let state = served.until("the scan ends", 10, |s| s["activity"]["doing"] == "idle");
+    let state = served.until("the scan ends", 90, |s| s["activity"]["doing"] == "idle");
     assert!(state["focus"]["refused"].is_string(), "{}", state["focus"]);
     // After a stop everything works as before.
     let moved = served.post("/api/move", &json!({ "to_um": { "scope.x": 0.0, "scope.z": 5.0 }, "wait": true }));
@@ -138,9 +138,9 @@ fn a_browser_that_never_reads_slows_nothing() {
     let body = json!({ "range_um": [-4.0, 4.0], "strategy": "scan" });
     let begun = served.post("/api/autofocus", &body);
     assert_eq!(begun.status, 200, "{begun:?}");
-    let state = served.until("the scan ends", 120, |s| s["activity"]["doing"] == "idle");
+    let state = served.until("the scan ends", 90, |s| s["activity"]["doing"] == "idle");
     assert!(state["focus"]["samples"].as_u64().unwrap() >= 12, "{}", state["focus"]);
     let frame = served.state()["camera"]["frame"].as_u64();
-    served.until("pictures go on", 10, |s| s["camera"]["frame"].as_u64() > frame);
+    served.until("pictures go on", 90, |s| s["camera"]["frame"].as_u64() > frame);
     drop(deaf);
 }

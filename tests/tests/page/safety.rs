@@ -23,6 +23,7 @@ fn posts() -> Vec<(&'static str, Value)> {
             json!({ "axis": "scope.z", "range_um": [-5.0, 5.0], "sample_step_um": 0.5, "strategy": "climb" }),
         ),
         ("/api/look", json!({ "measure": "brenner", "region": { "x": 1, "y": 1, "width": 40, "height": 40 } })),
+        ("/api/objective", json!({ "name": "20x" })),
         ("/api/camera/restart", json!({})),
         ("/api/emergency/clear", json!({})),
         ("/api/calibration/start", json!({ "what": "camera", "by": "click", "places": 4 })),
@@ -34,7 +35,14 @@ fn posts() -> Vec<(&'static str, Value)> {
 }
 
 fn positions(served: &Served) -> Vec<Value> {
-    served.state()["axes"].as_array().unwrap().iter().map(|axis| axis["position_um"].clone()).collect()
+    // Every board was heard, or null would count as a place.
+    let known = |s: &Value| s["axes"].as_array().unwrap().iter().all(|axis| axis["position_um"].is_number());
+    served.until("the boards are heard", 90, known)["axes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|axis| axis["position_um"].clone())
+        .collect()
 }
 
 /// Nothing moved since, and nothing broke.
@@ -194,7 +202,7 @@ fn ten_thousand_random_bodies_are_refused_and_move_nothing() {
 fn impossible_values_are_refused_in_words() {
     let mut served = Served::start(&[]);
     served.take();
-    served.until("pictures come", 30, |s| s["camera"]["health"] == "running");
+    served.until("pictures come", 90, |s| s["camera"]["health"] == "running");
     let before = positions(&served);
     for (path, body, says) in [
         ("/api/move", json!({ "to_um": { "scope.z": 1e9 } }), "scope.z"),
@@ -214,6 +222,17 @@ fn impossible_values_are_refused_in_words() {
         ("/api/calibration/answer", json!({ "x_px": 1.0, "y_px": 1.0 }), "nothing is asked"),
         ("/api/calibration/accept", json!({}), "no calibration"),
         ("/api/calibration/start", json!({ "what": "registration", "by": "click" }), "manipulator"),
+        ("/api/calibration/start", json!({ "what": "objective", "by": "click" }), "calibrate the camera first"),
+        ("/api/calibration/start", json!({ "what": "objective", "by": "click", "through": ["7x"] }), "'7x'"),
+        (
+            "/api/calibration/start",
+            json!({ "what": "into-view", "by": "click", "manipulator": "m1", "through": ["4x"] }),
+            "not calibrated",
+        ),
+        ("/api/calibration/answer", json!({ "done": true }), "no objective is asked"),
+        ("/api/objective", json!({ "name": "7x" }), "it has 20x, 40x, 4x"),
+        ("/api/objective", json!({ "name": "40x", "new": true }), "known already"),
+        ("/api/objective", json!({ "name": " ", "new": true }), "1 to 40 characters"),
     ] {
         let answer = served.post(path, &body);
         let said = answer.json()["error"].as_str().unwrap_or_default().to_owned();

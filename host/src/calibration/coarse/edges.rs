@@ -185,17 +185,20 @@ impl Piece {
 
     /// Pixels of the piece: signed distance from the expected edge, value 0 to 255.
     fn pixels(&self, picture: &Grey) -> Option<Vec<(f64, f64)>> {
-        let reach = self.along.abs() * self.half_length + self.normal.abs() * self.half_width;
-        let (low, high) = (self.at - reach, self.at + reach);
-        if low.x < 0.0 || low.y < 0.0 || high.x > picture.width as f64 - 1.0 || high.y > picture.height as f64 - 1.0 {
+        // Plain numbers: this is where most of the time goes.
+        let ([x0, y0], [ax, ay], [nx, ny]) = (self.at.into(), self.along.into(), self.normal.into());
+        let reach = |along: f64, normal: f64| along.abs() * self.half_length + normal.abs() * self.half_width;
+        let (rx, ry): (f64, f64) = (reach(ax, nx), reach(ay, ny));
+        let (left, top, right, bottom): (f64, f64, f64, f64) = (x0 - rx, y0 - ry, x0 + rx, y0 + ry);
+        if left < 0.0 || top < 0.0 || right > picture.width as f64 - 1.0 || bottom > picture.height as f64 - 1.0 {
             return None;
         }
         let mut pixels = Vec::new();
-        for y in low.y.ceil() as usize..=high.y as usize {
-            for x in low.x.ceil() as usize..=high.x as usize {
-                let away = Vector2::new(x as f64, y as f64) - self.at;
-                let d = away.dot(&self.normal);
-                if away.dot(&self.along).abs() <= self.half_length && d.abs() <= self.half_width {
+        for y in top.ceil() as usize..=bottom as usize {
+            for x in left.ceil() as usize..=right as usize {
+                let (dx, dy) = (x as f64 - x0, y as f64 - y0);
+                let d: f64 = dx * nx + dy * ny;
+                if (dx * ax + dy * ay).abs() <= self.half_length && d.abs() <= self.half_width {
                     pixels.push((d, f64::from(picture.values[y * picture.width + x])));
                 }
             }
@@ -207,36 +210,36 @@ impl Piece {
     fn fit(&self, picture: &Grey, tone: Tone, levels: &Levels) -> Option<Edge> {
         let pixels = self.pixels(picture)?;
         let (black, white) = levels.at(self.middle);
-        let prior = 1.0 / (0.1 * (white - black) * 255.0).powi(2);
-        let mut guess = Vector3::new(black, white, 0.0);
+        let prior = 255.0 * 255.0 / (0.1 * (white - black) * 255.0).powi(2);
+        // Black level, white level, place.
+        let mut guess = [black, white, 0.0];
         let mut cost = (0.0, (0.0, 0.0));
         let mut normal = Matrix3::zeros();
         for _ in 0..6 {
-            let mut gradient =
-                Vector3::new((black - guess[0]) * prior, (white - guess[1]) * prior, 0.0) * 255.0 * 255.0;
-            normal = Matrix3::from_diagonal(&(Vector3::new(prior, prior, 1e-9) * 255.0 * 255.0));
+            let mut g = [(black - guess[0]) * prior, (white - guess[1]) * prior, 0.0];
+            let mut n = [prior, 0.0, 0.0, prior, 0.0, 1e-9 * 255.0 * 255.0];
             cost = (0.0, (0.0, 0.0));
+            let contrast = guess[1] - guess[0];
             for &(d, value) in &pixels {
                 let u = (d - guess[2]) / tone.blur_px;
                 let (phi, bell) = (step(u), gauss(u) / tone.blur_px);
-                let contrast = guess[1] - guess[0];
                 let (level, slope) = encode(guess[0] + contrast * phi, tone.gamma);
-                let jacobian = Vector3::new(1.0 - phi, phi, -contrast * bell) * slope;
-                let blur_slope = -contrast * bell * u * slope;
+                let (a, b, c) = ((1.0 - phi) * slope, phi * slope, -contrast * bell * slope);
                 let miss = value - level;
-                gradient += jacobian * miss;
-                normal += jacobian * jacobian.transpose();
+                g = [g[0] + a * miss, g[1] + b * miss, g[2] + c * miss];
+                n = [n[0] + a * a, n[1] + a * b, n[2] + a * c, n[3] + b * b, n[4] + b * c, n[5] + c * c];
                 cost.0 += miss * miss;
-                cost.1.0 += miss * blur_slope;
-                cost.1.1 += blur_slope * blur_slope;
+                cost.1.0 += miss * c * u;
+                cost.1.1 += c * u * c * u;
             }
-            let delta = normal.cholesky()?.solve(&gradient);
-            guess += Vector3::new(delta[0], delta[1], delta[2].clamp(-1.0, 1.0));
+            normal = Matrix3::new(n[0], n[1], n[2], n[1], n[3], n[4], n[2], n[4], n[5]);
+            let delta = normal.cholesky()?.solve(&Vector3::from(g));
+            guess = [guess[0] + delta.x, guess[1] + delta.y, guess[2] + delta.z.clamp(-1.0, 1.0)];
             if !(guess[2].abs() < self.half_width && guess[1] - guess[0] > 0.3 * (white - black)) {
                 return None;
             }
             guess[0] = guess[0].max(1e-4);
-            if delta[2].abs() < 1e-4 {
+            if delta.z.abs() < 1e-4 {
                 break;
             }
         }

@@ -5,13 +5,12 @@
 //! are drawn in or out all around, as ink that spreads or a tone curve does. What the edges say is kept as the pose's
 //! information matrix, so that all views can be adjusted together afterwards without the pictures.
 
-use super::camera::{Side, StereoCamera};
+use super::camera::{Lens, Side, StereoCamera};
 use super::edges::{Border, Edge, Grey, Tone, borders, measure};
 use super::levels::Levels;
 use super::marker::Cells;
-use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
-};
+use super::weighted::{Row, Solved, solve};
+use nalgebra::{Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// A marker to be measured: its squares, borders and size.
 #[derive(Clone, Debug)]
@@ -78,6 +77,29 @@ pub(super) fn look(
     Some((pixel, jacobian))
 }
 
+/// A marker's plane as one of the two cameras sees it: [`look`] without the slope, for the many points that need none.
+pub(super) struct Sight<'a> {
+    lens: &'a Lens,
+    /// The plane's two axes and its origin in the camera's frame.
+    plane: [[f64; 3]; 3],
+}
+
+impl<'a> Sight<'a> {
+    pub fn new(camera: &'a StereoCamera, side: Side, pose: &Isometry3<f64>) -> Self {
+        let to_side = camera.from_left(side) * pose;
+        let turn = to_side.rotation.to_rotation_matrix();
+        let plane = std::array::from_fn(|k| [turn[(k, 0)], turn[(k, 1)], to_side.translation.vector[k]]);
+        Self { lens: camera.lens(side), plane }
+    }
+
+    /// The pixel of a point of the plane; `None` behind the camera.
+    pub fn pixel(&self, p: Vector2<f64>) -> Option<Vector2<f64>> {
+        let (px, py) = (p.x, p.y);
+        let [x, y, z] = self.plane.map(|[a, b, c]| a * px + b * py + c);
+        (z > 1e-9).then(|| self.lens.pixel(Vector2::new(x / z, y / z)))
+    }
+}
+
 /// Edges measured in one picture.
 struct Seen {
     side: Side,
@@ -112,7 +134,8 @@ pub fn refine(
         for side in Side::BOTH {
             let k = side as usize;
             let Some(picture) = pictures[k] else { continue };
-            let project = |p: Vector2<f64>| look(camera, side, &pose, p).map(|(pixel, _)| pixel);
+            let sight = Sight::new(camera, side, &pose);
+            let project = |p: Vector2<f64>| sight.pixel(p);
             let tone = Tone { gamma, blur_px: blur[k] };
             let levels = Levels::read(picture, &target.cells, target.size_mm, tone, &project);
             let levels = levels.filter(|l| l.likeness > LEAST_LIKENESS);
@@ -164,64 +187,36 @@ struct Step {
     information: Matrix6<f64>,
     rms_px: f64,
     /// Sum of Tukey weights, per picture.
-    kept: Vec<f64>,
+    kept: [f64; 2],
 }
+
+/// Unknowns of a step: the pose's six, and the spread of each picture's edges.
+const UNKNOWNS: usize = 8;
 
 /// One step of Gauss and Newton over pose and each picture's spread.
 fn adjust(seen: &[Seen], camera: &StereoCamera, pose: &Isometry3<f64>, noise: f64) -> Option<Step> {
-    let size = 6 + seen.len();
-    let mut rows: Vec<(DVector<f64>, f64, f64, usize)> = Vec::new();
-    for (k, part) in seen.iter().enumerate() {
+    let mut rows: Vec<Row<UNKNOWNS>> = Vec::new();
+    for (picture, part) in seen.iter().enumerate() {
         for edge in &part.edges {
             let (_, slope) = look(camera, part.side, pose, edge.middle)?;
-            let mut row = DVector::zeros(size);
-            row.rows_mut(0, 6).copy_from(&(edge.normal.transpose() * slope).transpose());
-            row[6 + k] = -1.0;
-            rows.push((row, edge.offset_px, 1.0 / (edge.variance * noise + FLOOR_PX * FLOOR_PX), k));
+            let mut slopes = [0.0; UNKNOWNS];
+            for (k, s) in slopes.iter_mut().take(6).enumerate() {
+                *s = edge.normal.x * slope[(0, k)] + edge.normal.y * slope[(1, k)];
+            }
+            slopes[6 + picture] = -1.0;
+            let weight = 1.0 / (edge.variance * noise + FLOOR_PX * FLOOR_PX);
+            rows.push(Row { slopes, offset: edge.offset_px, weight, picture });
         }
     }
-    let mut by = DVector::zeros(size);
-    let mut normal = DMatrix::zeros(size, size);
-    let mut scale = f64::INFINITY;
-    let mut kept = vec![0.0; seen.len()];
-    let mut sums = (0.0, 0.0, 0.0);
-    for _ in 0..6 {
-        normal.fill(0.0);
-        let mut gradient = DVector::zeros(size);
-        kept.fill(0.0);
-        sums = (0.0, 0.0, 0.0);
-        for (row, offset, weight, k) in &rows {
-            let miss = offset - row.dot(&by);
-            let robust = tukey(miss * weight.sqrt() / scale);
-            kept[*k] += robust;
-            normal.ger(weight * robust, row, row, 1.0);
-            gradient.axpy(weight * robust * offset, row, 1.0);
-            sums = (sums.0 + robust, sums.1 + robust * weight * miss * miss, sums.2 + robust * miss * miss);
-        }
-        for k in 0..seen.len() {
-            normal[(6 + k, 6 + k)] += 1.0 / (SPREAD_PX * SPREAD_PX);
-        }
-        for k in 0..3 {
-            normal[(k, k)] += 1e-9;
-        }
-        by = normal.clone().cholesky()?.solve(&gradient);
-        let mut far: Vec<f64> =
-            rows.iter().map(|(row, offset, w, _)| (offset - row.dot(&by)).abs() * w.sqrt()).collect();
-        far.sort_by(f64::total_cmp);
-        scale = (1.4826 * far[far.len() / 2]).max(1.0);
-    }
+    // A picture that took no part has its spread's prior only.
+    let spread = 1.0 / (SPREAD_PX * SPREAD_PX);
+    let prior = [1e-9, 1e-9, 1e-9, 0.0, 0.0, 0.0, spread, spread];
+    let Solved { by, normal, kept, weights, weighted_squares, squares } = solve(&rows, prior, 6, 1.0)?;
     // Neighbouring pieces share pixels' noise little, but what the model misses they share: no better than the residuals say.
-    let unit = (sums.1 / (sums.0 - size as f64).max(1.0)).max(1.0);
-    let spread = normal.view((6, 6), (seen.len(), seen.len())).into_owned().try_inverse()?;
-    let across = normal.view((0, 6), (6, seen.len())).into_owned();
-    let pose_part = normal.view((0, 0), (6, 6)).into_owned() - &across * spread * across.transpose();
-    let information = Matrix6::from_iterator(pose_part.iter().map(|v| v / unit));
-    let by = Vector6::from_iterator(by.iter().take(6).copied());
-    Some(Step { by, information, rms_px: (sums.2 / sums.0.max(1.0)).sqrt(), kept })
-}
-
-/// Tukey's biweight at 4.685 standard deviations.
-pub(super) fn tukey(r: f64) -> f64 {
-    let u = (r / 4.685).powi(2);
-    if u < 1.0 { (1.0 - u).powi(2) } else { 0.0 }
+    let unit = (weighted_squares / (weights - (6 + seen.len()) as f64).max(1.0)).max(1.0);
+    let spread = normal.fixed_view::<2, 2>(6, 6).try_inverse()?;
+    let across = normal.fixed_view::<6, 2>(0, 6).into_owned();
+    let information = (normal.fixed_view::<6, 6>(0, 0) - across * spread * across.transpose()) / unit;
+    let by = by.fixed_rows::<6>(0).into_owned();
+    Some(Step { by, information, rms_px: (squares / weights.max(1.0)).sqrt(), kept })
 }

@@ -22,11 +22,11 @@ pub mod objective;
 pub mod poses;
 pub mod register;
 mod reject;
-pub mod search;
 pub mod sheet;
 mod start;
 #[cfg(test)]
 mod tests;
+mod weighted;
 
 pub use camera::{Lens, Side, StereoCamera, StereoError};
 pub use graph::{MarkerPose, Registration};

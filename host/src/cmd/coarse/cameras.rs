@@ -1,11 +1,15 @@
-//! Stereo pairs from two running cameras, kept as the files that `--pairs` reads.
+//! Stereo pairs from two running cameras, kept as the files that `--pairs` reads, with where the axes stood.
 
+use super::{Arguments, folder, simulated};
+use crate::cmd::connection::{Bench, Connection, Purpose};
+use crate::cmd::simulated::Model;
 use anyhow::{Context, bail};
 use parfocal::calibration::coarse::{Place, Side};
 use parfocal::frames::address::{CAREFUL_LATENCY, CameraAddress};
 use parfocal::frames::camera::{Camera, Frame};
 use parfocal::link::transport::{later, real_now};
 use parfocal::picture::{Data, Picture};
+use parfocal::rig::Rig;
 use parfocal_protocol::units::HostTime;
 use std::io::{BufRead, Write};
 use std::path::Path;
@@ -15,15 +19,49 @@ const PATIENCE_MS: u64 = 5000;
 /// Exposures farther apart than this are told, ms.
 const APART_MS: u64 = 20;
 
-/// Takes a pair at every place that a person puts the stereo camera to.
+/// Takes pairs into a new folder, and keeps where the rig's axes stood.
 ///
 /// # Errors
-/// A camera that cannot be opened or stops, a folder that has pairs already, a person who ends it.
-pub(super) fn take(cameras: [&CameraAddress; 2], places: u32, folder: &Path) -> anyhow::Result<()> {
+/// A camera or board that cannot be opened or stops, a folder that has pairs already, a person who ends it.
+pub(super) fn take(arguments: &Arguments, folder: &Path, rig: Option<&Rig>, from: &Connection) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     if std::fs::read_dir(folder)?.flatten().any(|f| f.file_name().to_string_lossy().starts_with("place_")) {
         bail!("{} holds pairs already: name a new folder, or leave the cameras away to use them", folder.display());
     }
+    let connection = Connection { rig: arguments.rig.clone(), ..from.clone() };
+    let has_axes = rig.is_some_and(|rig| !rig.contents().axes.is_empty());
+    let simulated = arguments.cameras.iter().all(|camera| matches!(camera, CameraAddress::Simulated(_)));
+    let bench = (simulated || has_axes)
+        .then(|| connection.open(Purpose::Look, Model { seed: connection.seed, ..Model::default() }))
+        .transpose()?;
+    match (&bench, &arguments.cameras[..]) {
+        (Some(Bench { simulated: Some(handle), .. }), _) if simulated => {
+            let clicks = simulated::take(handle, arguments.places, folder, seed_of(folder, connection.seed))?;
+            folder::write(folder, folder::CLICKS, &clicks)?;
+        }
+        (_, [left, right]) if !simulated => by_a_person([left, right], arguments.places, folder)?,
+        (_, [_]) if !simulated => {
+            bail!("a stereo camera is two cameras: --cameras LEFT RIGHT, or sim for the simulated rig's")
+        }
+        _ => bail!("sim is the simulated rig's stereo camera: this is another rig, name its two cameras"),
+    }
+    if let (Some(Bench { mut stage, .. }), Some(rig)) = (bench, rig) {
+        let now = folder::NowFile::of(&mut stage, rig);
+        stage.close();
+        folder::write(folder, folder::NOW, &now?)?;
+    }
+    Ok(())
+}
+
+/// Another folder, another way of holding the camera; the same one again, the same pictures (FNV-1a).
+fn seed_of(folder: &Path, seed: u64) -> u64 {
+    let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325, |h: u64, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+    hash.wrapping_add(seed)
+}
+
+/// Takes a pair at every place that a person puts the stereo camera to.
+fn by_a_person(cameras: [&CameraAddress; 2], places: u32, folder: &Path) -> anyhow::Result<()> {
     let open = |address: &CameraAddress| -> anyhow::Result<Box<dyn Camera>> {
         let camera = address.open(Some(CAREFUL_LATENCY))?;
         camera.with_context(|| format!("{address} is no camera that runs by itself: docs/cameras.md has examples"))
@@ -101,7 +139,7 @@ mod tests {
             self.0 += 1;
             let exposure = self.1.then_some((HostTime(begin), HostTime(begin + 5_000)));
             let picture = Picture::grey8(2, 1, vec![self.0 as u8, 0]).unwrap();
-            let frame = Frame { picture, number: self.0, exposure, arrival: HostTime(begin + 8_000) };
+            let frame = Frame { picture: picture.into(), number: self.0, exposure, arrival: HostTime(begin + 8_000) };
             Ok((frame.arrival <= deadline).then_some(frame))
         }
     }

@@ -1,26 +1,17 @@
 //! From placed markers to manipulators, and into the rig's file.
 
 use super::Arguments;
+use super::folder::{self, NowFile};
 use super::learning::read;
-use anyhow::Context;
+use anyhow::{Context, bail};
 use nalgebra::Vector3;
-use parfocal::calibration::coarse::learn::{self, Coarse, Learned, Now};
+use parfocal::calibration::chain::Arm;
+use parfocal::calibration::coarse::learn::{self, Coarse, Learned, Now, RefFrame};
 use parfocal::calibration::coarse::{Degrees, MarkerId, Registration};
 use parfocal::rig::{self, CoarseRegistration, MARKERS, Markers, Rig};
-use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
-
-/// The file given to `--now`.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct NowFile {
-    #[serde(default)]
-    microscope_um: [f64; 3],
-    #[serde(default)]
-    joints_um: BTreeMap<u16, [f64; 3]>,
-}
 
 /// Keeps what was learned of the markers in the rig's file.
 pub(super) fn keep_learned(
@@ -50,14 +41,17 @@ pub(super) fn place(
         Some(file) => Some(read::<Learned>(file)?),
         None => of_rig(),
     };
-    let (Some(learned), Some(now)) = (learned, &arguments.now) else { return Ok(()) };
-    let now: NowFile = read(now)?;
-    let height_um = rig.as_ref().map_or(0.0, |rig| rig.contents().objective_height_um);
-    let now = Now {
-        // Ref stays where it is when the coarse focus knob lifts the objective and its marker.
-        microscope_um: Vector3::from(now.microscope_um) + Vector3::z() * height_um,
-        joints_um: now.joints_um.into_iter().map(|(id, j)| (MarkerId(id), Vector3::from(j))).collect(),
+    let beside = || folder::beside(arguments.pairs.as_deref()?, folder::NOW);
+    let now = arguments.now.clone().or_else(beside);
+    let now = match (&learned, now) {
+        (Some(_), Some(now)) => now,
+        (Some(_), None) if arguments.learned.is_some() => {
+            bail!("where the axes stood is not known: give --now FILE, or a folder of pairs with a now.json")
+        }
+        _ => return Ok(()),
     };
+    let now = read::<NowFile>(&now)?.now(rig.as_deref());
+    let learned = learned.unwrap_or_default();
     let placed = learn::place(found, &learned, &now)?;
     let mut rows = serde_json::Map::new();
     for (id, m) in &placed {
@@ -84,6 +78,14 @@ pub(super) fn place(
 pub fn put(rig: &mut Rig, placed: &BTreeMap<MarkerId, Coarse>, now: &Now) -> anyhow::Result<String> {
     let mut text = String::new();
     for (id, coarse) in placed {
+        if coarse.frame == RefFrame::Substrate {
+            let _ = writeln!(
+                text,
+                "marker {id}: placed relative to the substrate's marker only, nothing says where the microscope looks: not put in \
+                 force. Learn the markers with a fine calibration (docs/coarse.md)"
+            );
+            continue;
+        }
         let of = rig.contents().markers.as_ref().and_then(|m| m.manipulator(*id));
         let number = of.with_context(|| {
             format!(
@@ -104,6 +106,11 @@ pub fn put(rig: &mut Rig, placed: &BTreeMap<MarkerId, Coarse>, now: &Now) -> any
             source: MARKERS.into(),
             date: super::super::calibrate::now(),
         });
+        let moved = moved_um(rig, number, &registration);
+        let withdrawn = moved.is_some_and(|um| um > SIGMAS * registration.error_um);
+        if withdrawn {
+            rig.set_down(number);
+        }
         let known = pipette.is_some();
         let taken = rig.set_coarse(number, registration, pipette);
         let _ = writeln!(
@@ -112,6 +119,25 @@ pub fn put(rig: &mut Rig, placed: &BTreeMap<MarkerId, Coarse>, now: &Now) -> any
             coarse.tip_error,
             if known && !taken { "; its pipette's direction stays, it is known better" } else { "" }
         );
+        if let (true, Some(um)) = (withdrawn, moved) {
+            let _ = writeln!(
+                text,
+                "{number} stands {um:.0} µm from where its fine registration has it: it was moved by hand. That registration is out of \
+                 force; bring its tip into view ('parfocal calibrate into-view') and calibrate it anew"
+            );
+        }
     }
     Ok(text)
+}
+
+/// A fine registration contradicted by more than this many standard deviations of the coarse one is of another day.
+const SIGMAS: f64 = 4.0;
+
+/// How far the tip is from where the fine registration has it, µm; `None` without one.
+fn moved_um(rig: &Rig, number: rig::ManipulatorNumber, coarse: &CoarseRegistration) -> Option<f64> {
+    let fine = Arm::of(rig, number).ok()?.ref_from_man().to_rows();
+    let joints = Vector3::from(coarse.joints_um);
+    let tip =
+        |m: &[[f64; 4]; 4]| Vector3::from_fn(|i, _| Vector3::new(m[i][0], m[i][1], m[i][2]).dot(&joints) + m[i][3]);
+    Some((tip(&coarse.matrix) - tip(&fine)).norm())
 }

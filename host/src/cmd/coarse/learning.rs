@@ -1,12 +1,13 @@
-//! Learning what markers carry, and using it.
+//! Learning what markers carry.
 
 use super::super::Output;
-use super::{Arguments, force, placing};
+use super::{Arguments, folder, force, placing};
 use anyhow::{Context, anyhow, bail};
 use nalgebra::{Matrix3, Point3, Vector3};
 use parfocal::calibration::coarse::learn::fine::{self, Fine, Objective};
 use parfocal::calibration::coarse::learn::{self, Click, Learned, moves};
 use parfocal::calibration::coarse::{Degrees, MarkerId};
+use parfocal::rig::{ManipulatorNumber, Rig};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -61,15 +62,57 @@ pub(super) fn read<T: serde::de::DeserializeOwned>(file: &Path) -> anyhow::Resul
     serde_json::from_str(&text).with_context(|| format!("{}: is not of the form in docs/coarse.md", file.display()))
 }
 
-pub(super) fn run(arguments: &Arguments, file: &Path, out: Output) -> anyhow::Result<()> {
-    let session: Session = read(file)?;
-    if session.sets.is_empty() {
-        bail!("{}: names no sets of pictures", file.display());
+impl Session {
+    /// What is to be learned: a file that says it, or folders that `--cameras` filled, and the rig's own fine calibration.
+    fn new(arguments: &Arguments, rig: Option<&Rig>) -> anyhow::Result<(Self, PathBuf)> {
+        if let [file] = &arguments.learn[..]
+            && !file.is_dir()
+        {
+            let session: Self = read(file)?;
+            if session.sets.is_empty() {
+                bail!("{}: names no sets of pictures", file.display());
+            }
+            return Ok((session, file.parent().unwrap_or(Path::new(".")).into()));
+        }
+        let sets = arguments.learn.iter().map(|folder| Set::of(folder)).collect::<anyhow::Result<_>>()?;
+        let markers = rig.and_then(|rig| rig.contents().markers.as_ref());
+        let markers =
+            markers.context("folders need --rig FILE whose [markers] says which marker is on which manipulator")?;
+        let fine = |(number, id): (&ManipulatorNumber, &MarkerId)| {
+            let manipulator = rig?.contents().manipulators.get(number)?;
+            let [a, b, c, _] = manipulator.registration.as_ref()?.matrix;
+            let pipette = manipulator.pipette.as_ref();
+            let (theta_deg, psi_deg) = (pipette.map(|p| p.descent_deg), pipette.map(|p| p.azimuth_deg));
+            Some((id.0, FineRow { man_to_ref_um: [a, b, c], theta_deg, psi_deg }))
+        };
+        let fine = markers.manipulators.iter().filter_map(fine).collect();
+        Ok((Self { objective: markers.objective, sets, fine }, PathBuf::new()))
     }
+}
+
+impl Set {
+    /// A folder's pairs, and what lies beside them.
+    fn of(folder: &Path) -> anyhow::Result<Self> {
+        let now = folder::beside(folder, folder::NOW).with_context(|| {
+            format!("{}: has no now.json, which says where the axes stood (docs/coarse.md)", folder.display())
+        })?;
+        let now: folder::NowFile = read(&now)?;
+        let clicks = folder::beside(folder, folder::CLICKS).map(|file| read::<folder::Clicks>(&file)).transpose()?;
+        let mut clicks = clicks.unwrap_or_default();
+        let stop = |(id, joints_um)| {
+            let folder::TipClicks { tip, shank } = clicks.remove(&id).unwrap_or_default();
+            (id.0, Stop { joints_um, tip, shank })
+        };
+        let manipulators = now.joints_um.into_iter().map(stop).collect();
+        Ok(Self { pairs: folder.into(), microscope_um: now.microscope_um, manipulators })
+    }
+}
+
+pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
     let mut rig = arguments.load_rig()?;
+    let (session, folder) = Session::new(arguments, rig.as_ref())?;
     let camera = arguments.stereo(rig.as_ref())?;
     let height_um = rig.as_ref().map_or(0.0, |rig| rig.contents().objective_height_um);
-    let folder = file.parent().unwrap_or(Path::new("."));
     let mut stops: BTreeMap<MarkerId, Vec<moves::Stop>> = BTreeMap::new();
     let mut objective = None;
     for set in &session.sets {

@@ -1,6 +1,6 @@
 //! Markers placed relative to the substrate's, from pictures or from another tracker's poses.
 
-use super::super::Output;
+use super::super::{Connection, Output};
 use super::{Arguments, cameras, force, pairs};
 use anyhow::{Context, bail};
 use parfocal::calibration::coarse::poses::{self, Tracker};
@@ -36,10 +36,10 @@ pub(super) fn from_pairs(arguments: &Arguments, rig: Option<&Rig>, folder: &Path
     Ok(register(&pairs, &camera, &settings(arguments, rig))?)
 }
 
-pub(super) fn run(arguments: &Arguments, out: Output) -> anyhow::Result<()> {
+pub(super) fn run(arguments: &Arguments, connection: &Connection, out: Output) -> anyhow::Result<()> {
     let mut rig = arguments.load_rig()?;
-    if let ([left, right], Some(folder)) = (&arguments.cameras[..], &arguments.pairs) {
-        cameras::take([left, right], arguments.places, folder)?;
+    if let (false, Some(folder)) = (arguments.cameras.is_empty(), &arguments.pairs) {
+        cameras::take(arguments, folder, rig.as_ref(), connection)?;
     }
     let found = match (&arguments.pairs, &arguments.poses) {
         (Some(folder), _) => from_pairs(arguments, rig.as_ref(), folder)?,

@@ -1,16 +1,34 @@
 // The way to the server: one WebSocket for what there is to see, HTTP for what is to be done.
 
 const KEY = "parfocal-key";
+/** A tab that has the same key answers within this time, if it can. */
+const TWIN_MS = 200;
 
 export class Connection extends EventTarget {
   #socket = null;
   #wait = 250;
+  /** A duplicated tab is given a copy of the other's key; the tabs of this browser tell each other. */
+  #tabs = new BroadcastChannel("parfocal-operator");
   key = sessionStorage.getItem(KEY) ?? "";
   yours = false;
   open = false;
   state = null;
 
-  start() {
+  async start() {
+    let asking = this.key;
+    this.#tabs.onmessage = ({ data }) => {
+      if (data.asks && data.asks === this.key) this.#tabs.postMessage({ held: this.key });
+      // The copy gives way, however late it hears of the other; what it takes by itself later is its own.
+      if (data.held && data.held === asking && data.held === this.key) {
+        asking = "";
+        this.#keep("");
+        this.#control(false);
+      }
+    };
+    if (this.key) {
+      this.#tabs.postMessage({ asks: this.key });
+      await new Promise((done) => setTimeout(done, TWIN_MS));
+    }
     this.#connect();
     setInterval(() => this.#here(), 2000);
   }

@@ -34,6 +34,13 @@ const picture = new Picture(connection, (tool, at) => {
 
 $("measure").replaceChildren(...MEASURES.map((name) => element("option", { value: name }, name)));
 $("measure").onchange = () => attempt(connection.post("look", { measure: $("measure").value }));
+$("objective").onchange = async () => {
+  const name = $("objective").value;
+  const question = connection.state.calibrated.turret ? `Turn the turret to ${name}? Look that no pipette is in its way.` : `Is objective ${name} in the light path? A wrong answer breaks pipettes.`;
+  if (name && confirm(question)) await attempt(connection.post("objective", { name }));
+  $("objective").blur();
+  show(connection.state);
+};
 $("stop").onclick = () => attempt(connection.stop());
 $("autofocus").onclick = autofocus;
 $("cancel").onclick = () => attempt(connection.post("cancel", {}));
@@ -104,6 +111,7 @@ function show(state) {
   if ($("focus-axis").childElementCount !== focusing.length) {
     $("focus-axis").replaceChildren(...focusing.map((name) => element("option", { value: name }, name)));
   }
+  objective(state, idle);
   trace.add(state.focus.value, state.focus.fault);
   curve.show(state);
   focusResult(state);
@@ -114,6 +122,20 @@ function show(state) {
   }));
   picture.mark([...tips, ...wizard.marks(state)]);
   messages(state);
+}
+
+function objective({ calibrated }, idle) {
+  const select = $("objective");
+  const names = calibrated.objectives.map(({ name }) => name);
+  const text = (name) => `${name}${calibrated.objectives.find((o) => o.name === name)?.alpha === null ? " (not calibrated)" : ""}`;
+  const options = [...(calibrated.objective ? [] : ["?"]), ...names];
+  const wanted = options.map(text).join("\n");
+  if (select.dataset.options !== wanted) {
+    select.dataset.options = wanted;
+    select.replaceChildren(...options.map((name) => element("option", { value: name === "?" ? "" : name }, text(name))));
+  }
+  select.disabled = !connection.yours || !idle;
+  if (document.activeElement !== select) select.value = calibrated.objective ?? "";
 }
 
 function focusResult({ focus }) {

@@ -2,7 +2,7 @@
 
 use super::super::camera::{Side, StereoCamera};
 use super::super::edges::{Grey, Tone};
-use super::super::fit::look;
+use super::super::fit::Sight;
 use super::super::levels::Levels;
 use super::super::marker::{Found, find, refuse_mirrored};
 use super::super::reject::{CoarseError, Rejected, Why};
@@ -115,7 +115,8 @@ pub(super) fn read(pair: &Pair, camera: &StereoCamera, settings: &Settings) -> R
 fn looks_like(picture: &Grey, camera: &StereoCamera, side: Side, found: &Found, settings: &Settings) -> bool {
     let (Ok(target), tone) = (settings.target(found.id), Tone { gamma: 1.0, blur_px: 1.0 }) else { return false };
     from_one_picture(camera, side, found, target.size_mm).iter().any(|pose| {
-        let project = |p: Vector2<f64>| look(camera, side, pose, p).map(|(pixel, _)| pixel);
+        let sight = Sight::new(camera, side, pose);
+        let project = |p: Vector2<f64>| sight.pixel(p);
         Levels::read(picture, &target.cells, target.size_mm, tone, &project).is_some_and(|l| l.likeness > LIKENESS)
     })
 }
