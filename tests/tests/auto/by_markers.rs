@@ -121,6 +121,7 @@ fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
         rms_um: 0.1,
         residuals_um: Vec::new(),
         rejected: Vec::new(),
+        certainty: None,
     };
     let matrix_um_per_px = rig.model().camera.matrix_um_per_px;
     file.set_camera_calibration(CameraCalibration { matrix_um_per_px, objective: None, record }).unwrap();
