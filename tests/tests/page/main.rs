@@ -2,6 +2,7 @@
 
 mod browser;
 mod cameras;
+mod coarse;
 mod control;
 mod safety;
 mod scripts;
