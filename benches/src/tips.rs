@@ -3,6 +3,7 @@
 mod burst;
 mod figures;
 mod pictures;
+mod speed;
 
 use anyhow::{Context, bail};
 use clap::Args;
@@ -10,6 +11,7 @@ use figures::{Report, Row};
 use parfocal::picture::Picture;
 use parfocal::tip::{Expect, Tip, detect};
 use parfocal_simulator::scene::{Drawn, Frame, Ranges, Show, Viewpoint};
+use speed::Speed;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -31,6 +33,9 @@ pub struct Arguments {
     /// Cluttered scenes with a vibrating pipette
     #[arg(long, default_value_t = 300)]
     bursts: u64,
+    /// Large pictures (1920x1080) in which the time of a detection is measured, on one thread
+    #[arg(long, default_value_t = 12)]
+    speed: u64,
     /// Cluttered scenes without a pipette, and as many with one that vibrates and whose tip lies outside
     #[arg(long, default_value_t = 50)]
     empty_bursts: u64,
@@ -86,7 +91,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .flat_map(|w| w.join().expect("a worker panics only with the program"))
             .collect::<Result<Vec<Row>, _>>()
     })?;
-    let report = Report::new(rows);
+    let report = Report::new(rows, Speed::measure(&ranges, arguments.speed, arguments.seed)?);
     print!("{report}");
     if let Some(out) = &arguments.out {
         std::fs::write(out, serde_json::to_string(&report)?).with_context(|| out.display().to_string())?;

@@ -25,6 +25,14 @@ impl Shot {
     pub fn render(&self) -> Frame {
         self.scene.render(&self.view, &self.exposure)
     }
+
+    /// A part of it, with the same values; `None` when the picture does not have that part.
+    pub fn render_part(&self, part: Region) -> Option<Frame> {
+        let within =
+            |first: usize, size: usize, all: usize| size > 0 && first.checked_add(size).is_some_and(|end| end <= all);
+        (within(part.x, part.width, self.view.width) && within(part.y, part.height, self.view.height))
+            .then(|| self.scene.render_region(&self.view, &self.exposure, part))
+    }
 }
 
 /// A virtual rig.

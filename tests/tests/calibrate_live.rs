@@ -64,7 +64,6 @@ fn samples_in(folder: &Path) -> usize {
 }
 
 #[test]
-#[ignore = "minutes of drawing, focusing and detecting: run it with --ignored and an optimised build; not seen to end yet"]
 fn a_newcomer_calibrates_the_simulated_rig_and_sends_a_tip_to_a_pixel() {
     let here = Folder::new();
     let (code, camera) = here.run(&["calibrate", "camera", "--places", "6"]);
@@ -85,6 +84,8 @@ fn a_newcomer_calibrates_the_simulated_rig_and_sends_a_tip_to_a_pixel() {
 
     let (code, went) = here.run(&["goto", "--manipulator", "1", "--pixel", "250,180"]);
     assert_eq!((code, went["moved"].as_bool()), (0, Some(true)), "{went}");
+    let expected = went["expected_error_um"].as_f64().unwrap();
+    assert!(expected > 0.0 && expected < 1.0, "{went}");
     let world = here.world("40x");
     let (tip, wanted) = (world.pipettes(0)[0].tip_um, world.viewpoint(0).ref_um(250.0, 180.0));
     let off = (tip[0] - wanted[0]).hypot(tip[1] - wanted[1]);
@@ -107,7 +108,15 @@ fn a_newcomer_calibrates_the_simulated_rig_and_sends_a_tip_to_a_pixel() {
     std::fs::write(here.rig(), here.text() + wall).unwrap();
     let dish = here.refusal(&["goto", "--manipulator", "1", "--pixel", "250,180", "--above-um", "-30"]);
     assert!(dish.contains("'dish'") && dish.contains("m1"), "{dish}");
+    // As when axes are moved by name, unless a person says that nobody shall look.
+    let z = |um: f64| format!("m1.z-={um}");
+    let down = here.refusal(&["move", &z(40.0)]);
+    assert!(down.contains("'dish'") && down.contains("--unguarded"), "{down}");
     assert_eq!(here.world("40x").pipettes(0)[0].tip_um, after);
+    assert_eq!(here.run(&["move", &z(5.0)]).0, 0);
+    assert_eq!(here.run(&["move", "--unguarded", &z(35.0)]).0, 0);
+    let deep = here.world("40x").pipettes(0)[0].tip_um;
+    assert!((deep[2] - after[2] + 40.0).abs() < 1.5, "{after:?} {deep:?}");
 }
 
 #[test]
@@ -121,6 +130,12 @@ fn what_is_not_known_or_is_nonsense_is_refused_by_name_and_the_file_stays() {
     assert!(here.refusal(&["coaxial", "--manipulator", "1", "5"]).contains("not registered"));
     assert!(here.refusal(&["objective", "100x"]).contains("20x, 40x"));
     assert_eq!(here.text(), text);
+    assert_eq!(samples_in(here.folder.path()), 0);
+    // A report that cannot be written is told before anything moves.
+    let file = here.rig();
+    let inside = file.join("report");
+    let said = here.refusal(&["calibrate", "camera", "--report", inside.to_str().unwrap()]);
+    assert!(said.contains("report"), "{said}");
     assert_eq!(samples_in(here.folder.path()), 0);
     // Nobody knows which objective it is.
     assert_eq!(here.run(&["objective", "--unknown"]).0, 0);

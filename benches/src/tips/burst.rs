@@ -11,9 +11,9 @@ use std::time::Instant;
 const FPS: f64 = 30.0;
 const FRAMES: u32 = 60;
 
-/// Vibration: frequency, and half of the way from turn to turn.
+/// Vibration as `parfocal vibrate` has it unless told otherwise, ten swings: frequency, and half of the way from turn to turn.
 const VIBRATION_HZ: f64 = 5.0;
-const AMPLITUDE_UM: f64 = 1.5;
+const AMPLITUDE_UM: f64 = 2.0;
 
 /// Records a burst of the scene and finds the tip in it; with the time that finding took, ms.
 pub fn detect(drawn: &Drawn) -> anyhow::Result<(Option<Tip>, f64)> {

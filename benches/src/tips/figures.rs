@@ -1,5 +1,6 @@
 //! What came of the scenes, and the figures that sum it up.
 
+use super::speed::Speed;
 use parfocal::tip::Tip;
 use parfocal_simulator::scene::{Drawn, Seen};
 use serde::Serialize;
@@ -64,6 +65,7 @@ pub struct Report {
     empty_bursts: usize,
     false_tips_of_bursts: usize,
     detect_ms_median: f64,
+    speed: Option<Speed>,
     rows: Vec<Row>,
 }
 
@@ -71,7 +73,7 @@ pub struct Report {
 const WRONG_PX: f64 = 20.0;
 
 impl Report {
-    pub fn new(rows: Vec<Row>) -> Self {
+    pub fn new(rows: Vec<Row>, speed: Option<Speed>) -> Self {
         let mut summaries = Vec::new();
         for show in ["tip", "burst"] {
             for limit in [3.0, 10.0] {
@@ -93,6 +95,7 @@ impl Report {
             empty_bursts: rows.iter().filter(empty_burst).count(),
             false_tips_of_bursts: rows.iter().filter(empty_burst).filter(|r| r.tip.is_some()).count(),
             detect_ms_median: times.get(times.len() / 2).copied().unwrap_or_default(),
+            speed,
             rows,
         }
     }
@@ -137,7 +140,8 @@ impl fmt::Display for Report {
         if self.empty_bursts > 0 {
             writeln!(f, "false tips in {} bursts without one: {}", self.empty_bursts, self.false_tips_of_bursts)?;
         }
-        writeln!(f, "a detection takes {:.1} ms (median)", self.detect_ms_median)
+        writeln!(f, "a detection takes {:.1} ms (median)", self.detect_ms_median)?;
+        self.speed.iter().try_for_each(|speed| speed.fmt(f))
     }
 }
 

@@ -225,11 +225,11 @@ impl<C: Camera> FocusSource for CameraSource<C> {
                 }
             }
         }
-        while let Some(frame) = self.camera.next_frame(wanted.deadline)? {
+        while let Some((frame, part)) = self.camera.next_part(wanted.deadline, self.roi)? {
             let stamp = frame.stamp();
             self.dating.see(&stamp);
             if self.dating.earliest(&stamp) >= wanted.since {
-                return judge(frame.picture.view(), self.roi, self.measure);
+                return judge(frame.picture.view(), part, self.measure);
             }
             fault = FrameFault::Stale;
             if frame.arrival >= wanted.deadline {
@@ -286,11 +286,11 @@ impl<C: Camera> FocusSource for CameraSource<C> {
     }
 
     fn next(&mut self, deadline: HostTime) -> Result<Option<Dated>, SourceError> {
-        let Some(frame) = self.camera.next_frame(deadline)? else { return Ok(None) };
+        let Some((frame, part)) = self.camera.next_part(deadline, self.roi)? else { return Ok(None) };
         let stamp = frame.stamp();
         self.dating.see(&stamp);
         let middle = self.dating.middle(&stamp).map_err(|why| self.undated(why))?;
-        Ok(Some(Dated { middle, value: judge(frame.picture.view(), self.roi, self.measure)? }))
+        Ok(Some(Dated { middle, value: judge(frame.picture.view(), part, self.measure)? }))
     }
 }
 

@@ -5,6 +5,7 @@ use super::eyes::Eyes;
 use super::records::Records;
 use super::{camera, manipulator};
 use crate::calibration::robust::Solution;
+use crate::calibration::statistics;
 use crate::frames::camera::Camera;
 use crate::procedure::{Focuser, LiveRig, Parts, Progress};
 use crate::rig::{self, CameraCalibration, ManipulatorNumber, Record, Registration, Rig};
@@ -177,5 +178,6 @@ fn record<const D: usize>(solution: &Solution<D>, seed: u64, samples: String, da
         rms_um: solution.rms(),
         residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
         rejected: (0..solution.inliers.len()).filter(|&i| !solution.inliers[i]).map(|i| i + 1).collect(),
+        certainty: statistics::certainty(solution),
     }
 }

@@ -4,6 +4,7 @@ pub mod camera;
 pub mod chain;
 pub mod coarse;
 mod error;
+pub mod expected;
 pub mod frames;
 mod geometry;
 pub mod objective;

@@ -1,6 +1,7 @@
 //! How far a fit can be trusted: standard errors and leave-one-out errors.
 
 use super::robust::{Model, Solution};
+use crate::rig::Certainty;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// Standard errors of a map, shaped as it.
@@ -18,6 +19,20 @@ pub fn noise<const D: usize>(model: Model, solution: &Solution<D>) -> Option<f64
     let freedom = (D * chosen.len()).checked_sub(model.parameters::<D>()).filter(|f| *f > 0)?;
     let squares: f64 = chosen.iter().map(|&i| solution.residuals[i].norm_squared()).sum();
     Some((squares / freedom as f64).sqrt())
+}
+
+/// How well a solution is known, as the rig's file keeps it; `None` without degrees of freedom.
+pub fn certainty<const D: usize>(solution: &Solution<D>) -> Option<Certainty> {
+    let (fit, chosen) = (&solution.fit, solution.chosen());
+    let noise_um = noise(solution.model, solution)?;
+    Some(Certainty {
+        noise_um,
+        freedom: D * chosen.len() - solution.model.parameters::<D>(),
+        samples: chosen.len(),
+        standard_errors: (0..D).map(|c| noise_um * fit.gain[(c, c)].sqrt()).collect(),
+        at: fit.centre.iter().copied().collect(),
+        spread: fit.gain.row_iter().map(|row| row.iter().copied().collect()).collect(),
+    })
 }
 
 /// Standard errors from the inliers' residuals; `None` without degrees of freedom.

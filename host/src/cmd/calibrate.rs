@@ -19,6 +19,7 @@ use parfocal::calibration::camera::Options;
 use parfocal::calibration::chain::Sensor;
 use parfocal::calibration::robust::{Estimator, Solution};
 use parfocal::calibration::samples::Table;
+use parfocal::calibration::statistics;
 use parfocal::rig::{Record, Rig};
 use std::path::{Path, PathBuf};
 
@@ -103,6 +104,11 @@ impl Solving {
         Ok(Table::read(path)?)
     }
 
+    /// Makes the report's folder before anything moves: a report that cannot be written is told at once.
+    fn ready(&self) -> anyhow::Result<()> {
+        self.report.as_deref().map_or(Ok(()), folder)
+    }
+
     /// Takes what a live procedure recorded for what a person handed in.
     fn take(&mut self, recorded: Recorded) {
         self.samples = Some(recorded.samples);
@@ -148,6 +154,7 @@ impl Solving {
             rms_um: solution.rms(),
             residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
             rejected: (0..solution.inliers.len()).filter(|&i| !solution.inliers[i]).map(row).collect(),
+            certainty: statistics::certainty(solution),
         }
     }
 }

@@ -32,6 +32,6 @@ impl Arguments {
     pub fn run(self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         let what = format!("The pipette of {} along its axis by {} µm:", self.manipulator, self.by);
         let aim = |rig: &_, pose: &_| coaxial(rig, pose, self.manipulator, Micrometres(self.by));
-        self.moving.run(connection, out, &what, &aim)
+        self.moving.run(connection, out, &what, &aim, &|_, _| None)
     }
 }

@@ -4,8 +4,9 @@ use super::Output;
 use super::connection::Connection;
 use super::guarded::MoveArguments;
 use anyhow::ensure;
-use parfocal::calibration::chain::Pixel;
-use parfocal::procedure::{ProcedureError, Window, microscope_to_pixel, tip_to_pixel};
+use parfocal::calibration::chain::{Arm, Pixel};
+use parfocal::calibration::expected;
+use parfocal::procedure::{Pose, ProcedureError, Window, microscope_to_pixel, tip_to_pixel};
 use parfocal::rig::{ManipulatorNumber, Rig};
 use parfocal_protocol::units::Micrometres;
 
@@ -55,15 +56,26 @@ impl Arguments {
             );
         }
         let what = match self.manipulator {
-            Some(n) => format!("The tip of {n} to pixel {x_px}, {y_px}:"),
+            Some(n) => {
+                let by = if Arm::of(&rig, n).is_err() && Arm::coarse_of(&rig, n).is_some() {
+                    ", by its marker alone: it is not registered"
+                } else {
+                    ""
+                };
+                format!("The tip of {n} to pixel {x_px}, {y_px}{by}:")
+            }
             None => format!("What is seen at pixel {x_px}, {y_px} to the middle:"),
         };
-        let aim = |rig: &Rig, pose: &_| -> Result<_, ProcedureError> {
+        let aim = |rig: &Rig, pose: &Pose| -> Result<_, ProcedureError> {
             match self.manipulator {
                 Some(n) => tip_to_pixel(rig, pose, n, self.pixel, Micrometres(self.above_um)),
                 None => microscope_to_pixel(rig, pose, self.pixel),
             }
         };
-        self.moving.run(connection, out, &what, &aim)
+        let error = |rig: &Rig, to: &Pose| match self.manipulator {
+            Some(n) => expected::tip(rig, n, to.joints(n), to.microscope(rig)),
+            None => expected::microscope(rig, self.pixel).ok().flatten(),
+        };
+        self.moving.run(connection, out, &what, &aim, &error)
     }
 }

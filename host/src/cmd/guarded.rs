@@ -8,6 +8,7 @@ use parfocal::calibration::chain::Arm;
 use parfocal::procedure::drawing::{self, Path as Line};
 use parfocal::procedure::{Guard, Pose, ProcedureError, Targets};
 use parfocal::rig::{Device, Rig};
+use parfocal_protocol::units::Micrometres;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -32,7 +33,8 @@ pub fn rig_file(connection: &Connection) -> anyhow::Result<Rig> {
 }
 
 impl MoveArguments {
-    /// Asks `aim` where to go from where everything is, looks at the way, and goes.
+    /// Asks `aim` where to go from where everything is, looks at the way, and goes. `expected` says how far off the end may be:
+    /// one standard deviation in each direction.
     ///
     /// # Errors
     /// What is not calibrated, or in the way. Nothing has moved then.
@@ -42,6 +44,7 @@ impl MoveArguments {
         out: Output,
         what: &str,
         aim: &dyn Fn(&Rig, &Pose) -> Result<Targets, ProcedureError>,
+        expected: &dyn Fn(&Rig, &Pose) -> Option<Micrometres>,
     ) -> anyhow::Result<()> {
         interrupt::watch();
         let rig = rig_file(connection)?;
@@ -52,18 +55,24 @@ impl MoveArguments {
         stage.close();
         let (from, targets) = moved?;
         if let Some(path) = &self.plot {
-            let svg = drawing::moves(what, &lines(&rig, &from, &targets), &rig.contents().obstacles);
+            let svg =
+                drawing::moves(what.trim_end_matches(':'), &lines(&rig, &from, &targets), &rig.contents().obstacles);
             std::fs::write(path, svg).with_context(|| format!("{}: cannot be written", path.display()))?;
         }
         let axis = |(name, at): &(parfocal::rig::AxisName, _)| {
-            let at: parfocal_protocol::units::Micrometres = *at;
+            let at: Micrometres = *at;
             format!("{name:<8} {:>10.2} -> {:>10.2} µm", from.axis(*name).0, at.0)
         };
         let rows: Vec<String> = targets.iter().map(axis).collect();
         let end = if self.dry_run { "Nothing moved (--dry-run); the way is free." } else { "There." };
         let to: serde_json::Map<_, _> = targets.iter().map(|(name, at)| (name.to_string(), json!(at.0))).collect();
-        let text = format!("{what}\n{}\n{end}", rows.join("\n"));
-        out.result(&text, &json!({ "positions_um": to, "moved": !self.dry_run }))
+        let error = expected(&rig, &from.with(&targets));
+        let told = error.map_or(String::new(), |error| {
+            format!("\nExpected error: {:.2} µm in each direction (one standard deviation).", error.0)
+        });
+        let text = format!("{what}\n{}\n{end}{told}", rows.join("\n"));
+        let error_um = error.map(|error| error.0);
+        out.result(&text, &json!({ "positions_um": to, "moved": !self.dry_run, "expected_error_um": error_um }))
     }
 
     fn go(

@@ -3,9 +3,12 @@
 use super::connection::{Connection, Purpose};
 use super::move_pulses::{self, pulse};
 use super::{Output, interrupt, simulated};
-use parfocal::rig::AxisName;
+use anyhow::Context;
+use parfocal::procedure::Guard;
+use parfocal::rig::{AxisName, Device, Rig};
 use parfocal::stage::Stage;
 use parfocal_protocol::units::{Micrometres, MicrometresPerSecond};
+use std::path::Path;
 use std::str::FromStr;
 
 /// Move axes in a straight line: `parfocal move scope.z=12.5 scope.x+=10`
@@ -20,6 +23,9 @@ pub struct Arguments {
     /// Come back as soon as the move has begun; `parfocal hold`, `resume`, `stop` and `status` then work beside it
     #[arg(long, conflicts_with_all = ["pulse_every_um", "pulse_at_um"])]
     no_wait: bool,
+    /// Do not look at obstacles in the way of tips (with --rig: registered manipulators' tips are looked at)
+    #[arg(long)]
+    unguarded: bool,
     #[command(flatten)]
     pulses: move_pulses::Pulses,
 }
@@ -62,6 +68,11 @@ impl Arguments {
         for target in &self.targets {
             let from = if target.relative { bench.stage.position(target.axis)?.0 } else { 0.0 };
             targets.push((target.axis, Micrometres(from + target.um)));
+        }
+        if !self.unguarded
+            && let Some(path) = &connection.rig
+        {
+            looked_at(path, &mut bench.stage, &targets)?;
         }
         let speed = self.speed_um_s.map(MicrometresPerSecond);
         if self.no_wait {
@@ -108,6 +119,24 @@ impl Arguments {
         waited?;
         Ok(Moved { seconds, pulses: planned.map(|planned| (planned, given)) })
     }
+}
+
+/// Looks at the way of every tip that the rig's file knows. A manipulator that it does not know moves by eye.
+fn looked_at(path: &Path, stage: &mut Stage, targets: &[(AxisName, Micrometres)]) -> anyhow::Result<()> {
+    let rig = Rig::load(path).with_context(|| path.display().to_string())?;
+    if rig.contents().obstacles.is_empty() {
+        return Ok(());
+    }
+    let mut guard = Guard::new(stage, &rig, &interrupt::keep_on);
+    let unknown = |device| matches!(device, Device::Manipulator(n) if !guard.knows(n));
+    let (by_eye, known): (Vec<_>, Vec<_>) = targets.iter().copied().partition(|(axis, _)| unknown(axis.device));
+    if let Some((axis, _)) = by_eye.first() {
+        eprintln!(
+            "parfocal: {} is not registered: it moves by eye, nothing looks at obstacles in its way",
+            axis.device
+        );
+    }
+    guard.check(&known).context("nothing moved (--unguarded moves all the same, by eye)")
 }
 
 /// What came of a move.

@@ -10,6 +10,7 @@ use parfocal_protocol::units::{Axis, HostTime, Micrometres};
 use parfocal_simulator::camera::{CameraTiming, FrameTimes};
 use parfocal_simulator::model::{ObjectiveModel, RigModel};
 use parfocal_simulator::rig::Rig;
+use parfocal_simulator::scene::Region;
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -192,11 +193,25 @@ impl Camera for SimulatedCamera {
     }
 
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
-        let picture = Picture::grey16(frame.width, frame.height, frame.pixels)
+        Ok(self.next_part(deadline, None)?.map(|(frame, _)| frame))
+    }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        let Some((times, shot)) = self.0.lock().next_shot(deadline.0) else { return Ok(None) };
+        let region = |part: Roi| Region { x: part.x, y: part.y, width: part.width, height: part.height };
+        // Drawing a whole picture to look at its tip costs a hundred times as much.
+        let (drawn, left) = match part.and_then(|part| shot.render_part(region(part))) {
+            Some(drawn) => (drawn, None),
+            None => (shot.render(), part),
+        };
+        let picture = Picture::grey16(drawn.width, drawn.height, drawn.pixels)
             .map_err(|e| CameraError::Ended { camera: self.name(), reason: e.to_string() })?;
         let Stamp { number, exposure, arrival } = self.stamp(&times);
-        Ok(Some(Frame { picture: picture.into(), number, exposure, arrival }))
+        Ok(Some((Frame { picture: picture.into(), number, exposure, arrival }, left)))
     }
 
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {

@@ -45,6 +45,9 @@ fn line(tip: &TipPlace) -> String {
     let mut text = format!("{}  ", tip.manipulator);
     if let Some([x, y, z]) = tip.ref_um {
         text += &format!("tip at ({x:.2}, {y:.2}, {z:.2}) µm of ref");
+        if let Some(error) = tip.error_um {
+            text += &format!(" ± {error:.2}{}", if tip.coarse { " by its marker alone" } else { "" });
+        }
     }
     if let (Some([x, y]), Some(above)) = (tip.pixel, tip.above_focus_um) {
         let place = if tip.in_view { "in the picture" } else { "outside the picture" };

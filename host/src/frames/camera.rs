@@ -1,6 +1,6 @@
 //! A camera: frames one after another, each with the time of its exposure if the camera knows it.
 
-use crate::picture::Picture;
+use crate::picture::{Picture, Roi};
 use parfocal_protocol::units::HostTime;
 use std::sync::Arc;
 use thiserror::Error;
@@ -97,6 +97,19 @@ pub trait Camera: Send {
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
         Ok(self.next_frame(deadline)?.map(|frame| frame.stamp()))
     }
+
+    /// As [`Camera::next_frame`], when only a part of the picture matters. A camera that can deliver (or draw) that part alone may do
+    /// so; the second value is what remains to be cut out of the frame.
+    ///
+    /// # Errors
+    /// The camera is gone.
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        Ok(self.next_frame(deadline)?.map(|frame| (frame, part)))
+    }
 }
 
 impl<C: Camera + ?Sized> Camera for &mut C {
@@ -111,6 +124,14 @@ impl<C: Camera + ?Sized> Camera for &mut C {
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
         (**self).next_stamp(deadline)
     }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        (**self).next_part(deadline, part)
+    }
 }
 
 impl<C: Camera + ?Sized> Camera for Box<C> {
@@ -124,5 +145,13 @@ impl<C: Camera + ?Sized> Camera for Box<C> {
 
     fn next_stamp(&mut self, deadline: HostTime) -> Result<Option<Stamp>, CameraError> {
         (**self).next_stamp(deadline)
+    }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        (**self).next_part(deadline, part)
     }
 }

@@ -8,6 +8,7 @@ use crate::calibration::objective;
 use crate::calibration::registration;
 use crate::calibration::report;
 use crate::calibration::robust::{Estimator, Model, ScalePrior, Solution};
+use crate::calibration::statistics;
 use crate::procedure::{FramePixel, Sample, Window, what_moves};
 use crate::rig::{self, CameraCalibration, ManipulatorNumber, Record, Rig, Zoom};
 use nalgebra::{Matrix2, Vector3};
@@ -188,5 +189,6 @@ fn record<const D: usize>(solution: &Solution<D>, seed: u64) -> Record {
         rms_um: solution.rms(),
         residuals_um: solution.residuals.iter().map(|r| (r.norm() * 1e4).round() / 1e4).collect(),
         rejected: (0..solution.inliers.len()).filter(|&i| !solution.inliers[i]).map(|i| i + 1).collect(),
+        certainty: statistics::certainty(solution),
     }
 }

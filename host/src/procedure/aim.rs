@@ -5,6 +5,7 @@ use super::error::ProcedureError;
 use super::guard::{Pose, Targets, moves_sample, targets};
 use super::point::Window;
 use crate::calibration::chain::{Arm, Chain, ChainError, Pixel};
+use crate::calibration::expected;
 use crate::calibration::frames::{Point, Ref};
 use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber, Rig};
 use parfocal_protocol::units::Micrometres;
@@ -31,7 +32,8 @@ pub fn microscope_to_pixel(rig: &Rig, pose: &Pose, pixel: Pixel) -> Result<Targe
     Ok(shifted.into())
 }
 
-/// Where a manipulator's joints go so that its tip is in focus at `pixel`, `above` the focal plane.
+/// Where a manipulator's joints go so that its tip is in focus at `pixel`, `above` the focal plane. A manipulator that is not
+/// registered goes by its marker, if the rig's file has that; [`expected::tip`] says how far off that may be.
 ///
 /// # Errors
 /// [`ChainError`], saying what to calibrate.
@@ -48,6 +50,11 @@ pub fn tip_to_pixel(
     tip_to(rig, number, place)
 }
 
+/// By its registration, or by its marker alone.
+fn arm(rig: &Rig, number: ManipulatorNumber) -> Result<Arm, ChainError> {
+    Arm::of(rig, number).or_else(|error| Arm::coarse_of(rig, number).map(|(arm, _)| arm).ok_or(error))
+}
+
 /// Where a manipulator's joints go so that its tip is at a place of ref.
 ///
 /// # Errors
@@ -56,7 +63,7 @@ pub fn tip_to(rig: &Rig, number: ManipulatorNumber, place: Point<Ref>) -> Result
     if rig.contents().objective_in_use.is_none() {
         return Err(ChainError::NoObjective.into());
     }
-    let arm = Arm::of(rig, number)?;
+    let arm = arm(rig, number)?;
     Ok(targets(Device::Manipulator(number), arm.joints_for(place).coordinates))
 }
 
@@ -83,6 +90,10 @@ pub struct TipPlace {
     pub pixel: Option<[f64; 2]>,
     /// Above the focal plane, µm.
     pub above_focus_um: Option<f64>,
+    /// Standard error of its place in each direction, µm, if the calibration tells.
+    pub error_um: Option<f64>,
+    /// By its marker alone: the manipulator is not registered.
+    pub coarse: bool,
     /// Whether frames show it.
     pub in_view: bool,
     /// Why something is not known.
@@ -102,14 +113,28 @@ pub fn tips(rig: &Rig, pose: &Pose) -> Vec<TipPlace> {
     let chain = Chain::of(rig);
     let window = contents.camera.as_ref().map(Window::of);
     let place = |n: ManipulatorNumber| {
-        let unknown =
-            TipPlace { manipulator: n, ref_um: None, pixel: None, above_focus_um: None, in_view: false, why: None };
-        let arm = match Arm::of(rig, n) {
+        let unknown = TipPlace {
+            manipulator: n,
+            ref_um: None,
+            pixel: None,
+            above_focus_um: None,
+            error_um: None,
+            coarse: false,
+            in_view: false,
+            why: None,
+        };
+        let arm = match arm(rig, n) {
             Ok(arm) => arm,
             Err(why) => return TipPlace { why: Some(why.to_string()), ..unknown },
         };
         let tip = arm.tip(pose.joints(n));
-        let known = TipPlace { ref_um: Some(tip.coordinates.into()), ..unknown };
+        let error = expected::tip(rig, n, pose.joints(n), pose.microscope(rig));
+        let known = TipPlace {
+            ref_um: Some(tip.coordinates.into()),
+            error_um: error.map(|error| error.0),
+            coarse: Arm::of(rig, n).is_err(),
+            ..unknown
+        };
         match &chain {
             Err(why) => TipPlace { why: Some(why.to_string()), ..known },
             Ok(chain) => {

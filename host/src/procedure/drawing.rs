@@ -6,6 +6,7 @@ use crate::calibration::frames::{Point, Ref};
 use crate::rig::Obstacle;
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// A place that a procedure is going to put its point at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,8 +134,14 @@ fn panel(
         chart.draw_series(LineSeries::new(path.points.iter().map(place), colour.stroke_width(2)))?;
         if let Some(end) = path.points.last().map(place) {
             chart.draw_series([Circle::new(end, 5, colour.filled())])?;
-            let style = ("sans-serif", 14).into_font().color(&colour);
-            chart.draw_series([EmptyElement::at(end) + Text::new(path.name.clone(), (8, -18), style)])?;
+            let style = TextStyle::from(("sans-serif", 14).into_font()).color(&colour);
+            // Towards the middle, so that it is not cut off at the edge.
+            let style = match end.0 > cx {
+                true => style.pos(Pos::new(HPos::Right, VPos::Top)),
+                false => style.pos(Pos::new(HPos::Left, VPos::Top)),
+            };
+            let aside = if end.0 > cx { -8 } else { 8 };
+            chart.draw_series([EmptyElement::at(end) + Text::new(path.name.clone(), (aside, -18), style)])?;
         }
     }
     Ok(())

@@ -75,6 +75,9 @@ enum Tip {
 /// No manipulator moves its tip farther than this for each µm of a joint: for tips whose registration is not known.
 const LONGEST: f64 = 1.3;
 
+/// How far up from the tip a pipette's axis is looked at, µm, where its direction is known.
+const SHANK_UM: f64 = 3000.0;
+
 /// A stage whose moves are looked at before they are made.
 pub struct Guard<'a> {
     stage: &'a mut Stage,
@@ -160,6 +163,11 @@ impl<'a> Guard<'a> {
     /// A registered one keeps its registration.
     pub fn seen(&mut self, number: ManipulatorNumber, at: Point<Ref>, joints: Point<Man>) {
         self.tips.entry(number).or_insert(Tip::Seen { at, joints });
+    }
+
+    /// Whether anything is known of where a manipulator's tip is.
+    pub fn knows(&self, number: ManipulatorNumber) -> bool {
+        self.tips.contains_key(&number)
     }
 
     /// Where everything is.
@@ -264,15 +272,18 @@ impl<'a> Guard<'a> {
 
     fn way(&self, n: ManipulatorNumber, from: &Pose, to: &Pose, around_um: f64) -> Way {
         let (start, end) = (from.joints(n), to.joints(n));
+        let nothing = Displacement::<Ref>::new(0.0, 0.0, 0.0);
         match self.tips[&n] {
             Tip::Registered { arm, error_um } => {
                 let around_um = around_um + error_um;
-                Way { from: arm.tip(start), to: arm.tip(end), around_um, around_now_um: around_um }
+                let shank = arm.direction().map_or(nothing, |advance| -SHANK_UM * advance);
+                Way { from: arm.tip(start), to: arm.tip(end), around_um, around_now_um: around_um, shank }
             }
             Tip::Seen { at, joints } => {
                 let reach = |p: Point<Man>| LONGEST * (p - joints).coordinates.abs().sum();
                 let now = reach(start);
-                Way { from: at, to: at, around_um: around_um + now.max(reach(end)), around_now_um: around_um + now }
+                let around_now_um = around_um + now;
+                Way { from: at, to: at, around_um: around_um + now.max(reach(end)), around_now_um, shank: nothing }
             }
         }
     }

@@ -47,7 +47,7 @@ pub struct InView {
 /// Standard deviations that are searched.
 const SIGMAS: f64 = 3.0;
 /// A jogged pipette is told from its background this many depths of field from focus.
-const VISIBLE_DEPTHS: f64 = 5.0;
+const VISIBLE_DEPTHS: f64 = 15.0;
 /// Neighbouring places of the spiral overlap by the rest of this share of the picture.
 const SPIRAL_SHARE: f64 = 0.6;
 /// A jog, as a share of the picture's shorter side, and at least this many µm.
@@ -55,7 +55,7 @@ const JOG_SHARE: f64 = 0.06;
 const JOG_LEAST_UM: f64 = 3.0;
 /// What an objective leaves open of a tip found by a jog: depths of field, and shares of the picture's shorter side.
 const LEFT_DEPTHS: f64 = 1.0;
-const LEFT_SHARE: f64 = 0.05;
+const LEFT_SHARE: f64 = 0.02;
 /// How far back along the pipette the tip is looked for, as a share of the shorter side.
 const BACK_SHARE: f64 = 0.2;
 /// Heights at which the tip is looked for, and from where it was seen its focus: depths of field. Finders see tips 10 from focus.
@@ -289,7 +289,7 @@ impl Hunt<'_, '_> {
         self.assume();
         // To the middle, where it is seen once more.
         self.go(view, Vector3::zeros(), 0.0)?;
-        let seen = self.live.find(self.finder, &subject, Some(view.middle), Some(LEFT_SHARE * view.side_px))?;
+        let seen = self.live.find(self.finder, &subject, Some(view.middle), Some(SAME_SHARE * view.side_px))?;
         self.settle(view, &seen)?;
         Ok(seen)
     }

@@ -3,7 +3,7 @@
 use super::error::ProcedureError;
 use super::focus::{FocusTask, Focuser};
 use super::guard::{Guard, Pose};
-use super::point::{Found, FramePixel, Hint, NotFound, PointFinder, Subject, Window};
+use super::point::{Found, FramePixel, Hint, NotFound, PointFinder, Subject, Window, Witness};
 use crate::calibration::chain::{Pixel, Sensor};
 use crate::frames::camera::{Camera, Frame};
 use crate::link::transport::later;
@@ -90,6 +90,10 @@ const STALE: usize = 64;
 const FIRST_TRIES: usize = 3;
 /// A blurred tip is still recognised within about this many depths of field; heights to look at are so far apart.
 const SEEK_DEPTHS: f64 = 12.0;
+/// Looks that agree are within this share of the picture's shorter side of each other…
+const AGREE_SHARE: f64 = 0.015;
+/// … and after so many that do not the point counts as unseen.
+const LOOKS: usize = 6;
 /// Side of the region whose focus is the tip's, px of the frame: larger ones focus on the shank (docs/autofocus.md).
 const FOCUS_SIDE: usize = 48;
 
@@ -246,6 +250,26 @@ impl<'a> LiveRig<'a> {
         Ok(seen)
     }
 
+    /// Looks for a point of which nobody knows where it should be, until two looks agree: a detector that is wrong now and then
+    /// is not wrong twice in the same way. A person is believed at once.
+    ///
+    /// # Errors
+    /// As [`Self::find`]; no two looks agree.
+    pub fn find_agreed(&mut self, finder: &mut dyn PointFinder, subject: &Subject) -> Result<Seen, ProcedureError> {
+        let within = AGREE_SHARE * self.window.side_px();
+        let mut before: Vec<Seen> = Vec::new();
+        for _ in 0..LOOKS {
+            let seen = self.find(finder, subject, None, None)?;
+            let agrees =
+                |old: &Seen| (old.pixel.x_px - seen.pixel.x_px).hypot(old.pixel.y_px - seen.pixel.y_px) <= within;
+            if seen.found.by == Witness::Click || before.iter().any(agrees) {
+                return Ok(seen);
+            }
+            before.push(seen);
+        }
+        Err(NotFound::Unseen(subject.clone()).into())
+    }
+
     /// Looks for a point where it is, and if it is not seen, at heights farther and farther away: a tip far out of focus is
     /// not recognised. The microscope's z stays where the point was seen; it goes back when it was seen nowhere.
     ///
@@ -258,7 +282,7 @@ impl<'a> LiveRig<'a> {
         reach_um: f64,
     ) -> Result<Seen, ProcedureError> {
         let z = AxisName { device: Device::Scope, coordinate: Coordinate::Z };
-        let first = match self.find(finder, subject, None, None) {
+        let first = match self.find_agreed(finder, subject) {
             Err(ProcedureError::NotFound(NotFound::Unseen(_) | NotFound::Passed(_))) => self.pose()?.axis(z),
             other => return other,
         };
@@ -268,7 +292,7 @@ impl<'a> LiveRig<'a> {
         for k in 1..=rungs {
             for side in [1.0, -1.0] {
                 let at = Micrometres(first.0 + side * step * f64::from(k));
-                match self.move_to(&[(z, at)]).and_then(|()| self.find(finder, subject, None, None)) {
+                match self.move_to(&[(z, at)]).and_then(|()| self.find_agreed(finder, subject)) {
                     Err(error) if error.is_local() => {}
                     other => return other,
                 }
@@ -323,7 +347,11 @@ impl<'a> LiveRig<'a> {
         let around = |at: Micrometres| (Micrometres(at.0 - reach_um), Micrometres(at.0 + reach_um));
         let here = self.pose()?.axis(z);
         self.focus(z, rough, around(here))?;
-        let seen = self.find(finder, subject, Some(rough), None)?;
+        let again = |live: &mut Self, finder: &mut dyn PointFinder, near: Pixel| match expected {
+            Some(_) => live.find(finder, subject, Some(near), None),
+            None => live.find_agreed(finder, subject),
+        };
+        let seen = again(self, finder, rough)?;
         // Focused on something beside it: once more, on itself.
         let off = (seen.pixel.x_px - rough.x_px).hypot(seen.pixel.y_px - rough.y_px);
         if off <= FOCUS_SIDE as f64 / 3.0 {
@@ -331,6 +359,6 @@ impl<'a> LiveRig<'a> {
         }
         let here = self.pose()?.axis(z);
         self.focus(z, seen.pixel, around(here))?;
-        self.find(finder, subject, Some(seen.pixel), None)
+        again(self, finder, seen.pixel)
     }
 }

@@ -1,12 +1,12 @@
-//! Whether a tip runs into something on its way. Every obstacle is convex, and so is everything a tip can pass through
-//! between two poses; so the deepest point of the way is found by minimising a convex function, and nothing slips
+//! Whether a pipette runs into something on its way: its tip, and the axis of its shank where its direction is known. Every
+//! obstacle is convex, and so is everything that a pipette can pass through between two poses; so the deepest point of the way is found by minimising a convex function, and nothing slips
 //! through between samples.
 //!
 //! A manipulator's axes share a board and move together: a straight line of the joints is a straight line of the tip in
 //! ref. Boards do not move together: against a cone that moves with the microscope, any combination of how far the
 //! tip and how far the microscope has got is looked at.
 
-use crate::calibration::frames::{Point, Ref};
+use crate::calibration::frames::{Displacement, Point, Ref};
 use crate::rig::{ManipulatorNumber, Obstacle};
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -14,18 +14,21 @@ use thiserror::Error;
 /// A tip would be inside an obstacle.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error(
-    "the tip of {manipulator} would come {} obstacle '{obstacle}', at ({:.1}, {:.1}, {:.1}) µm of ref: nothing moved; go around it, or correct [[obstacle]] in the rig's file",
+    "the {} of {manipulator} would come {} obstacle '{obstacle}', at ({:.1}, {:.1}, {:.1}) µm of ref: nothing moved; go around it, or correct [[obstacle]] in the rig's file",
+    if *.shank { "shank" } else { "tip" },
     if *.depth_um >= 0.0 { format!("{:.1} µm into", .depth_um) } else { format!("within {:.1} µm of", -.depth_um) },
     .at.coordinates.x, .at.coordinates.y, .at.coordinates.z
 )]
 pub struct Collision {
     /// Whose tip.
     pub manipulator: ManipulatorNumber,
+    /// Not the tip itself, but the shank above it.
+    pub shank: bool,
     /// The obstacle's name.
     pub obstacle: String,
     /// How deep inside, µm; below 0 when only the clearance is too small.
     pub depth_um: f64,
-    /// Where the tip would be, in ref.
+    /// Where that would be, in ref.
     pub at: Point<Ref>,
 }
 
@@ -40,6 +43,8 @@ pub struct Way {
     pub around_um: f64,
     /// How far from `from` it may be now.
     pub around_now_um: f64,
+    /// From the tip to the far end of the shank that is looked at, µm of ref; 0 when the pipette's direction is not known.
+    pub shank: Displacement<Ref>,
 }
 
 /// The way of the objective's optical axis: where the picture's centre in focus is, in ref.
@@ -99,22 +104,40 @@ fn least(mut f: impl FnMut(f64) -> f64) -> (f64, f64) {
         .fold((f64::MAX, 0.0), |best, new| if new.0 < best.0 { new } else { best })
 }
 
-/// The tip's deepest point in an obstacle along its way: distance outside (below 0: inside), and where.
-fn deepest(obstacle: &Obstacle, way: &Way, sight: &Sight) -> (f64, Point<Ref>) {
+/// A pipette's deepest point in an obstacle along its way.
+struct Deepest {
+    /// Outside by so much, µm; below 0: inside.
+    distance: f64,
+    at: Point<Ref>,
+    /// Share of the shank from the tip.
+    up: f64,
+}
+
+fn deepest(obstacle: &Obstacle, way: &Way, sight: &Sight) -> Deepest {
     let line = |from: Point<Ref>, to: Point<Ref>, s: f64| from.coordinates + s * (to.coordinates - from.coordinates);
-    let tip = |s: f64| line(way.from, way.to, s);
-    let at_sight = |t: f64, s: f64| outside(obstacle, tip(s), line(sight.from, sight.to, t));
+    let part = |up: f64, s: f64| line(way.from, way.to, s) + up * way.shank.coordinates;
+    let at_sight = |t: f64, up: f64, s: f64| outside(obstacle, part(up, s), line(sight.from, sight.to, t));
+    // Least over everything but the first: convex in what is left.
+    let along = |t: f64, up: f64| least(|s| at_sight(t, up, s));
+    let up_along = |t: f64| match way.shank.coordinates == Vector3::zeros() {
+        true => (along(t, 0.0).0, 0.0),
+        false => least(|up| along(t, up).0),
+    };
     let (t, around) = if matches!(obstacle, Obstacle::Cone { .. }) {
-        (least(|t| least(|s| at_sight(t, s)).0).1, way.around_um + sight.around_um)
+        (least(|t| up_along(t).0).1, way.around_um + sight.around_um)
     } else {
         (0.0, way.around_um)
     };
-    let (distance, s) = least(|s| at_sight(t, s));
-    (distance - around, tip(s).into())
+    let up = up_along(t).1;
+    let (distance, s) = along(t, up);
+    Deepest { distance: distance - around, at: part(up, s).into(), up }
 }
 
 /// Slack for what a step rounds away, µm.
 const ROUNDING_UM: f64 = 0.1;
+
+/// What is nearer to the tip than this is called the tip, µm.
+const TIP_UM: f64 = 1.0;
 
 /// Refuses a way that leads a tip into an obstacle. A tip that already is inside one may go out, not deeper.
 ///
@@ -133,14 +156,17 @@ pub fn check(
         if matches!(obstacle, Obstacle::Cone { objective, .. } if Some(objective.as_str()) != in_use) {
             continue;
         }
-        let (distance, at) = deepest(obstacle, way, sight);
+        let Deepest { distance, at, up } = deepest(obstacle, way, sight);
         if distance >= 0.0 {
             continue;
         }
-        let now = outside(obstacle, way.from.coordinates, sight.from.coordinates) - way.around_now_um;
+        let standing = Way { to: way.from, around_um: 0.0, ..*way };
+        let here = Sight { to: sight.from, around_um: 0.0, ..*sight };
+        let now = deepest(obstacle, &standing, &here).distance - way.around_now_um;
         if distance < now - ROUNDING_UM || now >= 0.0 {
             let obstacle = obstacle.name().to_owned();
-            return Err(Collision { manipulator, obstacle, depth_um: -(distance + way.around_um), at });
+            let shank = up * way.shank.coordinates.norm() > TIP_UM;
+            return Err(Collision { manipulator, shank, obstacle, depth_um: -(distance + way.around_um), at });
         }
     }
     Ok(())
@@ -160,7 +186,13 @@ mod tests {
     }
 
     fn way(from: [f64; 3], to: [f64; 3]) -> Way {
-        Way { from: Vector3::from(from).into(), to: Vector3::from(to).into(), around_um: 0.0, around_now_um: 0.0 }
+        Way {
+            from: Vector3::from(from).into(),
+            to: Vector3::from(to).into(),
+            around_um: 0.0,
+            around_now_um: 0.0,
+            shank: Displacement::new(0.0, 0.0, 0.0),
+        }
     }
 
     fn cone(working_distance_um: f64) -> Obstacle {
@@ -272,5 +304,34 @@ mod tests {
         // Known to be free now, but nobody knows which way it will go.
         let unknown = Way { around_um: 10.0, ..way([0.0, 0.0, 8.0], [0.0, 0.0, 8.0]) };
         assert!(check(&[floor], None, m1(), &unknown, &sight).is_err());
+    }
+
+    #[test]
+    fn the_shank_is_looked_at_as_well_as_the_tip() {
+        // A pipette that descends by 45° towards x: its shank lies behind it, at negative x, as high as far.
+        let shank = Displacement::new(-1000.0, 0.0, 1000.0);
+        let leaning = |from, to| Way { shank, ..way(from, to) };
+        let block =
+            Obstacle::Box { name: "block".into(), min_um: [-700.0, -50.0, 400.0], max_um: [-500.0, 50.0, 550.0] };
+        let sight = still([0.0; 3]);
+        let refused = |way: &Way| check(std::slice::from_ref(&block), None, m1(), way, &sight).unwrap_err();
+        // From the side: the tip passes far below the block, the shank goes through it.
+        let side = leaning([0.0, 300.0, 0.0], [0.0, 0.0, 0.0]);
+        let collision = refused(&side);
+        assert!(collision.shank && collision.to_string().contains("the shank of m1"), "{collision}");
+        assert!(passes(&block, &Way { shank: Displacement::new(0.0, 0.0, 0.0), ..side }, &sight));
+        // On the other side of it, and back out of it.
+        assert!(passes(&block, &leaning([0.0, 300.0, 0.0], [0.0, 100.0, 0.0]), &sight));
+        assert!(passes(&block, &leaning([0.0, 20.0, 0.0], [0.0, 300.0, 0.0]), &sight));
+        // The lens comes down onto a shank whose tip it would not touch.
+        let lens = cone(100.0);
+        let down = |to| Sight { to: Vector3::from(to).into(), ..still([-600.0, 0.0, 2000.0]) };
+        let rest = leaning([300.0, 0.0, 0.0], [300.0, 0.0, 0.0]);
+        assert!(check(std::slice::from_ref(&lens), Some("40x"), m1(), &rest, &down([-600.0, 0.0, 1200.0])).is_ok());
+        assert!(
+            check(std::slice::from_ref(&lens), Some("40x"), m1(), &rest, &down([-600.0, 0.0, 100.0]))
+                .unwrap_err()
+                .shank
+        );
     }
 }

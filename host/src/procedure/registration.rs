@@ -11,7 +11,7 @@ use super::guard::{Targets, targets};
 use super::live::{LiveRig, Progress, Seen};
 use super::point::{NotFound, PointFinder, Subject};
 use super::record::{Recorder, Sample};
-use super::survey::{ASTRAY_SHARE, MARGIN_SHARE, REDRAWS, patience};
+use super::survey::{ASTRAY_SHARE, ERROR_SHARE, MARGIN_SHARE, REDRAWS, patience};
 use crate::calibration::chain::{Arm, Chain};
 use crate::calibration::frames::{Displacement, Man, Point, Ref, Transform};
 use crate::rig::{AxisName, Coordinate, Device, ManipulatorNumber};
@@ -39,6 +39,9 @@ const FIRST_SHARE: f64 = 0.12;
 const FIRST_MOST_UM: f64 = 10.0;
 /// … nor less than what is told from noise, µm.
 const FIRST_LEAST_UM: f64 = 4.0;
+
+/// Foci that err by more do not count while the map is learned, µm.
+const FOCUS_ERROR_UM: f64 = 3.0;
 
 /// Where a tip was seen in focus.
 struct Sighting {
@@ -70,8 +73,11 @@ pub fn registration(
     }
     live.guard.trusted(&[device, Device::Scope])?;
     let start = live.pose()?;
-    let mut run =
-        Run { live, finder, plan, recorder, chain, follow: Follow::default(), subject: Subject::Tip(plan.manipulator) };
+    // As far as the same share of the picture reaches in ref, or as the focus errs.
+    let unit = chain.ref_from_image(Vector3::zeros()).linear().column(0).norm();
+    let error_um = (ERROR_SHARE * live.window().side_px() * unit).max(FOCUS_ERROR_UM);
+    let (follow, subject) = (Follow::new(error_um), Subject::Tip(plan.manipulator));
+    let mut run = Run { live, finder, plan, recorder, chain, follow, known: None, subject };
     let done = run.record();
     let live = run.live;
     let returned = if live.guard.keep_on() {
@@ -95,6 +101,8 @@ struct Run<'r, 'a> {
     recorder: &'r mut Recorder,
     chain: Chain,
     follow: Follow<3>,
+    /// The last plausible map.
+    known: Option<Arm>,
     subject: Subject,
 }
 
@@ -148,8 +156,13 @@ impl Run<'_, '_> {
         Ok(())
     }
 
-    /// The registration so far.
-    fn arm(&self) -> Option<Arm> {
+    /// The registration so far; the last plausible one when what was seen last makes none.
+    fn arm(&mut self) -> Option<Arm> {
+        self.known = self.fitted().or(self.known);
+        self.known
+    }
+
+    fn fitted(&self) -> Option<Arm> {
         let map = self.follow.map()?;
         let size: f64 = map.linear.column_iter().map(|c| c.norm()).product();
         let spans = map.linear.determinant().abs() > 0.02 * size;
@@ -162,11 +175,16 @@ impl Run<'_, '_> {
         let position = self.live.microscope()?;
         let pixel = expected.map(|p| self.chain.ref_to_pixel(position, p).0);
         let reach = self.plan.focus_within_um;
-        let seen: Seen = if self.recorder.samples().is_empty() {
-            self.live.first_focus_on(self.finder, &self.subject, reach)?
-        } else {
-            self.live.focus_on(self.finder, &self.subject, pixel, reach)?
+        let seen: Seen = match pixel {
+            None => self.live.first_focus_on(self.finder, &self.subject, reach)?,
+            Some(_) => self.live.focus_on(self.finder, &self.subject, pixel, reach)?,
         };
+        let pose = self.live.pose()?;
+        let mic_um = pose.microscope(self.live.rig());
+        let joints = pose.joints(self.plan.manipulator);
+        let place = self.chain.pixel_to_ref(mic_um, seen.pixel);
+        // Also when it is astray: it may be the map that is.
+        self.follow.add(joints.coordinates, place.coordinates);
         if let Some(pixel) = pixel {
             let within = ASTRAY_SHARE * self.live.window().side_px();
             let off = (pixel.x_px - seen.pixel.x_px).hypot(pixel.y_px - seen.pixel.y_px);
@@ -175,10 +193,6 @@ impl Run<'_, '_> {
                 return Err(NotFound::Elsewhere { subject: self.subject.clone(), off_px, within_px }.into());
             }
         }
-        let pose = self.live.pose()?;
-        let mic_um = pose.microscope(self.live.rig());
-        let joints = pose.joints(self.plan.manipulator);
-        let place = self.chain.pixel_to_ref(mic_um, seen.pixel);
         let kept = Sample {
             man_um: Some((self.plan.manipulator, joints.coordinates)),
             ref_um: Some(place.coordinates),
@@ -187,7 +201,6 @@ impl Run<'_, '_> {
         self.recorder.keep(kept)?;
         let (done, of) = (self.recorder.samples().len(), self.plan.places + 4);
         self.live.tell(Progress::Recorded { done, of });
-        self.follow.add(joints.coordinates, place.coordinates);
         Ok(Sighting { joints, place })
     }
 

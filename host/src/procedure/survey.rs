@@ -11,6 +11,7 @@ use super::guard::{Pose, Targets};
 use super::live::{LiveRig, Progress, Seen};
 use super::point::{PointFinder, Subject};
 use crate::calibration::chain::Pixel;
+use crate::calibration::robust::Map;
 use crate::rig::{AxisName, Coordinate, Device};
 use nalgebra::Vector2;
 use parfocal_protocol::units::Micrometres;
@@ -49,6 +50,8 @@ const LEAST_SHIFT_PX: f64 = 4.0;
 pub(super) const MARGIN_SHARE: f64 = 0.1;
 /// Once the map is known, a point found farther off than this share of the shorter side is another one.
 pub(super) const ASTRAY_SHARE: f64 = 0.15;
+/// What is seen farther from the map than this share of the shorter side does not count for it.
+pub(super) const ERROR_SHARE: f64 = 0.02;
 /// Draws before the room counts as too small.
 pub(super) const REDRAWS: usize = 60;
 
@@ -109,14 +112,8 @@ fn look_around(
     start: &Pose,
     keep: &mut dyn FnMut(&mut LiveRig<'_>, &Sighting) -> Result<(), ProcedureError>,
 ) -> Result<(), ProcedureError> {
-    let mut follow = Follow::<2>::default();
-    let first = match survey.focus_within_um {
-        Some(reach) => {
-            let seen = live.first_focus_on(finder, &survey.subject, reach)?;
-            Sighting { pose: live.pose()?, seen }
-        }
-        None => look(live, finder, survey, None)?,
-    };
+    let mut follow = Follow::<2>::new(ERROR_SHARE * live.window().side_px());
+    let first = look(live, finder, survey)?;
     follow.add(xy(start), px(first.seen.pixel));
     keep(live, &first)?;
     live.tell(Progress::Recorded { done: 1, of: survey.places + 3 });
@@ -126,28 +123,29 @@ fn look_around(
         keep(live, &sighting)?;
         live.tell(Progress::Recorded { done: k + 2, of: survey.places + 3 });
     }
-    let plausible = follow.map().is_some_and(|map| {
-        let size = map.linear.column(0).norm() * map.linear.column(1).norm();
-        map.linear.determinant().abs() > 0.2 * size
-    });
-    if !plausible {
+    let Some(mut map) = map(&follow) else {
         return Err(ProcedureError::Implausible {
             what: format!(
                 "scope.x and scope.y move {} the same way in the picture: is it one and the same point, and do both axes move?",
                 survey.subject
             ),
         });
-    }
+    };
     let mut draws = Draws::new(survey.seed);
     let mut shares: Vec<Share> = draws.in_picture(survey.places);
     shares.reverse();
     let (mut done, mut passed, mut last) = (0, 0, String::new());
     while done < survey.places {
         let share = shares.pop().unwrap_or_else(|| draws.one());
-        let expected = approach(live, &follow, share, &mut draws)?;
-        match look(live, finder, survey, Some(expected)) {
+        let expected = approach(live, &map, share, &mut draws)?;
+        let looked = look_near(live, finder, survey, expected).and_then(|sighting| {
+            follow.add(xy(&sighting.pose), px(sighting.seen.pixel));
+            astray(live, survey, &sighting, expected).map(|()| sighting)
+        });
+        // Also after a look that was astray: it may be the map that is.
+        map = self::map(&follow).unwrap_or(map);
+        match looked {
             Ok(sighting) => {
-                follow.add(xy(&sighting.pose), px(sighting.seen.pixel));
                 keep(live, &sighting)?;
                 done += 1;
                 live.tell(Progress::Recorded { done: done + 3, of: survey.places + 3 });
@@ -169,13 +167,11 @@ fn look_around(
 /// Moves so that the point should show at a drawn pixel; draws again where there is no room. Says where it should be.
 fn approach(
     live: &mut LiveRig<'_>,
-    follow: &Follow<2>,
+    map: &Map<2>,
     mut share: Share,
     draws: &mut Draws,
 ) -> Result<Pixel, ProcedureError> {
     let window = live.window();
-    let map =
-        follow.map().ok_or_else(|| ProcedureError::Implausible { what: "the axes do not move the picture".into() })?;
     let inverse = map.linear.try_inverse().unwrap_or_else(nalgebra::Matrix2::zeros);
     let mut why = None;
     for _ in 0..REDRAWS {
@@ -191,25 +187,46 @@ fn approach(
     Err(ProcedureError::NoRoom { device: Device::Scope, why, least_um: inverse.norm() * window.side_px() / 4.0 })
 }
 
-fn look(
+/// The map so far, if the axes move the picture in two directions.
+fn map(follow: &Follow<2>) -> Option<Map<2>> {
+    follow.map().filter(|map| {
+        let size = map.linear.column(0).norm() * map.linear.column(1).norm();
+        map.linear.determinant().abs() > 0.2 * size
+    })
+}
+
+/// Looks where nobody knows yet where the point should be.
+fn look(live: &mut LiveRig<'_>, finder: &mut dyn PointFinder, survey: &Survey) -> Result<Sighting, ProcedureError> {
+    let seen = match survey.focus_within_um {
+        Some(reach) => live.first_focus_on(finder, &survey.subject, reach)?,
+        None => live.find_agreed(finder, &survey.subject)?,
+    };
+    Ok(Sighting { pose: live.pose()?, seen })
+}
+
+/// Looks for the point where it should be; it may be found elsewhere.
+fn look_near(
     live: &mut LiveRig<'_>,
     finder: &mut dyn PointFinder,
     survey: &Survey,
-    expected: Option<Pixel>,
+    expected: Pixel,
 ) -> Result<Sighting, ProcedureError> {
-    let within = ASTRAY_SHARE * live.window().side_px();
     let seen = match survey.focus_within_um {
-        Some(reach) => live.focus_on(finder, &survey.subject, expected, reach)?,
-        None => live.find(finder, &survey.subject, expected, expected.map(|_| within))?,
+        Some(reach) => live.focus_on(finder, &survey.subject, Some(expected), reach)?,
+        None => live.find(finder, &survey.subject, Some(expected), None)?,
     };
-    if let Some(pixel) = expected {
-        let off = (px(pixel) - px(seen.pixel)).norm();
-        if off > within {
-            let (off_px, within_px) = (off.round() as u32, within.round() as u32);
-            return Err(super::point::NotFound::Elsewhere { subject: survey.subject.clone(), off_px, within_px }.into());
-        }
-    }
     Ok(Sighting { pose: live.pose()?, seen })
+}
+
+/// Refuses what was seen too far from where it should be.
+fn astray(live: &LiveRig<'_>, survey: &Survey, sighting: &Sighting, expected: Pixel) -> Result<(), ProcedureError> {
+    let within = ASTRAY_SHARE * live.window().side_px();
+    let off = (px(expected) - px(sighting.seen.pixel)).norm();
+    if off <= within {
+        return Ok(());
+    }
+    let (off_px, within_px) = (off.round() as u32, within.round() as u32);
+    Err(super::point::NotFound::Elsewhere { subject: survey.subject.clone(), off_px, within_px }.into())
 }
 
 /// Moves one axis far enough for the shift to be measured, beginning very small.
@@ -229,7 +246,7 @@ fn first_move(
         let targets =
             to(xy(start) + if coordinate == Coordinate::X { Vector2::new(step, 0.0) } else { Vector2::new(0.0, step) });
         let sighting = match live.move_to(&targets) {
-            Ok(()) => look(live, finder, survey, None),
+            Ok(()) => look(live, finder, survey),
             Err(error) => Err(error),
         };
         match sighting {

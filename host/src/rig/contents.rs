@@ -1,5 +1,6 @@
 //! What `rig.toml` holds, key by key. Lengths are µm and angles degrees, as the keys' names say.
 
+use super::certainty::Certainty;
 use super::markers::{CoarseRegistration, Markers};
 use super::names::{BoardId, Coordinate, Device, ManipulatorNumber};
 use crate::calibration::coarse::StereoCamera;
@@ -262,6 +263,9 @@ pub struct Record {
     /// Rows of the file that were left out, from 1.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rejected: Vec<usize>,
+    /// How well the map is known; none when the samples fit exactly by their number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certainty: Option<Certainty>,
 }
 
 /// A place where no tip may be.

@@ -17,6 +17,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod certainty;
 mod check;
 mod contents;
 mod markers;
@@ -27,6 +28,7 @@ mod update;
 #[cfg(test)]
 mod tests;
 
+pub use certainty::Certainty;
 pub use contents::{
     Axis, Board, Camera, CameraCalibration, CameraLatency, Contents, Manipulator, Moves, Objective, Obstacle, Pipette,
     Record, Registration, SCHEMA, TipOffset, Um3, Zoom,

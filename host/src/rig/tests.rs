@@ -53,6 +53,7 @@ fn record() -> Record {
         rms_um: 0.4,
         residuals_um: vec![0.4, 0.4],
         rejected: vec![3],
+        certainty: None,
     }
 }
 

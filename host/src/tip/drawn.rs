@@ -2,7 +2,7 @@
 
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays, side by side")]
 
-use super::model::{Cone, Drawing, GLASS, PLACES};
+use super::model::{Cone, Drawing, GLASS, PLACES, SEAM};
 use super::patch::{Block, LANES, Lanes, Patch};
 use nalgebra::{SMatrix, SVector};
 
@@ -13,7 +13,8 @@ type Shapes = SMatrix<f64, SHAPES, SHAPES>;
 type Mix = SVector<f64, SHAPES>;
 pub type Places = SMatrix<f64, PLACES, PLACES>;
 
-/// How freely the seam joins the mix. Left free from the start it takes the glass's part and the fit ends in a wrong place.
+/// Whether bent light joins the mix. The glass then comes with a seam as it mostly has, and what that differs by is kept small:
+/// left free it takes the glass's part, kept too small it moves the tip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seam {
     Without,
@@ -28,9 +29,14 @@ pub struct Drawn {
     pub residuals: Vec<Lanes>,
     /// Weighted sum of the residuals' squares.
     pub squares: f64,
+    /// The same with what an unlikely mix costs.
+    pub cost: f64,
     /// The shapes' products, weighted, and the inverse that solved for the mix.
     normal: Shapes,
     inverse: Shapes,
+    /// The shapes' products with the values, and the values' squares, weighted.
+    right: Mix,
+    total: f64,
     seam: Seam,
 }
 
@@ -41,7 +47,8 @@ pub struct Equations {
 }
 
 impl Drawn {
-    pub fn new(patch: &Patch, cone: &Cone, weights: &[Lanes], seam: Seam) -> Self {
+    /// `stiffness`: what the square of the seam's difference costs.
+    pub fn new(patch: &Patch, cone: &Cone, weights: &[Lanes], seam: Seam, stiffness: f64) -> Self {
         let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
         let rows = match seam {
             Seam::Without => rows::<false>(&drawing, &patch.blocks),
@@ -52,21 +59,28 @@ impl Drawn {
             mix: Mix::zeros(),
             residuals: Vec::new(),
             squares: 0.0,
+            cost: 0.0,
             normal: Shapes::zeros(),
             inverse: Shapes::zeros(),
+            right: Mix::zeros(),
+            total: 0.0,
             seam,
         };
-        drawn.solve(patch, weights);
+        drawn.solve(patch, weights, stiffness);
         drawn
     }
 
     /// Mixes the shapes for the least weighted squares.
-    pub fn solve(&mut self, patch: &Patch, weights: &[Lanes]) {
+    pub fn solve(&mut self, patch: &Patch, weights: &[Lanes], stiffness: f64) {
         let per_radius = 1.0 / patch.radius;
         let mut sums = [[[0.0_f32; LANES]; SHAPES]; SHAPES];
         let mut right = [[0.0_f32; LANES]; SHAPES];
+        let mut all = [0.0_f32; LANES];
         for ((row, block), w) in self.rows.iter().zip(&patch.blocks).zip(weights) {
             let v = shapes(row, block, per_radius);
+            for l in 0..LANES {
+                all[l] += w[l] * block.value[l] * block.value[l];
+            }
             for i in 0..SHAPES {
                 let wi: Lanes = std::array::from_fn(|l| w[l] * v[i][l]);
                 add(&mut right[i], &wi, &block.value);
@@ -78,12 +92,15 @@ impl Drawn {
         self.normal = Shapes::from_fn(|i, j| total(&sums[i.max(j)][i.min(j)]));
         let mut matrix = self.normal;
         // Shapes that look alike when blurred share the light evenly.
-        let ridge = 1e-4 * matrix[(GLASS, GLASS)].max(1e-12);
-        for (i, factor) in [1.0, 30.0, 1.0].into_iter().enumerate() {
-            matrix[(i, i)] += factor * ridge;
+        let even = 1e-4 * matrix[(GLASS, GLASS)].max(1e-12);
+        let ridge = [0.1 * even, 30.0 * even, stiffness.max(1e-3 * even)];
+        for (i, ridge) in ridge.into_iter().enumerate() {
+            matrix[(i, i)] += ridge;
         }
         self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
-        self.mix = self.inverse * Mix::from_fn(|i, _| total(&right[i]));
+        self.right = Mix::from_fn(|i, _| total(&right[i]));
+        self.total = total(&all);
+        self.mix = self.inverse * self.right;
         let mix: [f32; SHAPES] = std::array::from_fn(|i| self.mix[i] as f32);
         let mut squares = [0.0_f32; LANES];
         self.residuals.clear();
@@ -101,6 +118,25 @@ impl Drawn {
             left
         }));
         self.squares = total(&squares);
+        self.cost = self.squares + ridge.iter().enumerate().map(|(i, ridge)| ridge * self.mix[i].powi(2)).sum::<f64>();
+    }
+
+    /// The weighted squares that the light's level and slopes alone would leave.
+    pub fn empty_squares(&self) -> f64 {
+        let normal = self.normal.fixed_view::<3, 3>(GLASS, GLASS).into_owned();
+        let right = self.right.fixed_rows::<3>(GLASS).into_owned();
+        normal.cholesky().map_or(0.0, |c| (self.total - c.solve(&right).dot(&right)).max(0.0))
+    }
+
+    /// Standard error of the glass's share of the mix, in standard deviations of a pixel's noise.
+    pub fn glass_error(&self) -> f64 {
+        self.inverse[(0, 0)].max(0.0).sqrt()
+    }
+
+    /// How much of each of the pipette's shapes there is.
+    pub fn shares(&self) -> [f64; GLASS] {
+        let with = if self.seam == Seam::With { SEAM * self.mix[0] } else { 0.0 };
+        [self.mix[0], self.mix[1], self.mix[2] + with]
     }
 
     /// How the squares change with the cone's numbers.
@@ -112,9 +148,9 @@ impl Drawn {
         }
     }
 
-    fn sums<const SEAM: bool>(&self, patch: &Patch, drawing: &Drawing, weights: &[Lanes]) -> Equations {
+    fn sums<const SEAM_TOO: bool>(&self, patch: &Patch, drawing: &Drawing, weights: &[Lanes]) -> Equations {
         let per_radius = 1.0 / patch.radius;
-        let mix: [f32; GLASS] = std::array::from_fn(|i| self.mix[i] as f32);
+        let mix = self.shares().map(|m| m as f32);
         let mut squares = [[[0.0_f32; LANES]; PLACES]; PLACES];
         let mut shared = [[[0.0_f32; LANES]; PLACES]; SHAPES];
         let mut pull = [[0.0_f32; LANES]; PLACES];
@@ -122,7 +158,7 @@ impl Drawn {
         for (((row, block), w), residual) in self.rows.iter().zip(&patch.blocks).zip(weights).zip(&self.residuals) {
             let mut slopes = [[0.0_f32; LANES]; PLACES];
             for l in 0..LANES {
-                let each = drawing.slopes::<SEAM>(block.x[l], block.y[l], &mix);
+                let each = drawing.slopes::<SEAM_TOO>(block.x[l], block.y[l], &mix);
                 for k in 0..PLACES {
                     slopes[k][l] = each[k];
                 }
@@ -155,14 +191,15 @@ impl Drawn {
     }
 }
 
-fn rows<const SEAM: bool>(drawing: &Drawing, blocks: &[Block]) -> Vec<[Lanes; GLASS]> {
+fn rows<const SEAM_TOO: bool>(drawing: &Drawing, blocks: &[Block]) -> Vec<[Lanes; GLASS]> {
     let each = |block: &Block| {
         let mut row = [[0.0; LANES]; GLASS];
         for l in 0..LANES {
-            let shapes = drawing.shapes::<SEAM>(block.x[l], block.y[l]);
+            let shapes = drawing.shapes::<SEAM_TOO>(block.x[l], block.y[l]);
             for i in 0..GLASS {
                 row[i][l] = shapes[i];
             }
+            row[0][l] += if SEAM_TOO { SEAM as f32 * shapes[2] } else { 0.0 };
         }
         row
     };

@@ -12,22 +12,40 @@ pub struct End {
     pub clarity: f64,
 }
 
-/// The end of the detail, looked for once more from where it was found: the cone's own tip may lie far behind it, and what it
-/// says of the opening with it.
+/// The end of the detail, looked for again from where it was found: the cone's own tip may lie far behind it. What the cone says
+/// of the opening with it is not asked.
 pub fn settled(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
-    let first = end(levels, cone, noise)?;
     let (sin, cos) = cone.angle.sin_cos();
-    let opening = cone.ln_opening.exp().min(LARGEST_PX);
-    let moved =
-        Cone { x: cone.x + first.beyond * cos, y: cone.y + first.beyond * sin, ln_opening: opening.ln(), ..*cone };
-    // A second look that ends elsewhere has followed something else: the seam in front, or dirt.
-    let second = end(levels, &moved, noise).filter(|end| end.beyond.abs() <= opening);
-    let further = second.map_or(0.0, |end| end.beyond);
-    Some(End { beyond: first.beyond + further, ..first })
+    let from = |beyond: f64| Cone {
+        x: cone.x + beyond * cos,
+        y: cone.y + beyond * sin,
+        ln_opening: OPENING_PX.ln(),
+        ln_widening: WIDENING.ln(),
+        ..*cone
+    };
+    let mut found = end(levels, &from(0.0), noise)?;
+    for _ in 0..AGAIN {
+        // A look that ends elsewhere has followed something else: the seam in front, or dirt.
+        let Some(next) = end(levels, &from(found.beyond), noise).filter(|end| end.beyond.abs() <= OPENING_PX) else {
+            break;
+        };
+        found.beyond += next.beyond;
+        if next.beyond.abs() < 0.1 {
+            break;
+        }
+    }
+    Some(found)
 }
 
-/// Opening that a tip's end is looked for with, at most, px.
-const LARGEST_PX: f64 = 3.0;
+/// Looks after the first, at most.
+const AGAIN: usize = 3;
+
+/// Radius of an opening whose end is looked for, px, and what its outline's half width gains per px.
+const OPENING_PX: f64 = 3.0;
+const WIDENING: f64 = 0.2;
+
+/// Detail begins where it is this share of the shank's. The light bent in front of a rim makes up to a third of it.
+const BEGINS: f64 = 0.4;
 
 /// Looks for the place where the gradients of glass and halo fall to half of what they are along the last part of the shank.
 /// `noise` is a standard deviation of a pixel of the picture.
@@ -65,13 +83,15 @@ pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
     }
     shank.sort_by(f64::total_cmp);
     let clarity = shank[shank.len() * 3 / 4] / (2.0 * floor).max(f64::MIN_POSITIVE);
+    // Where bent light changes its sign, a shank may lack detail for a bit.
+    let quiet = 3.0 * opening;
     // First where detail begins at all, then where it is half of what it is just behind.
-    let first = fall(&profile, 0.25 * shank[shank.len() * 3 / 4], opening)?;
+    let first = fall(&profile, BEGINS * shank[shank.len() * 3 / 4], quiet)?;
     let width = (opening + widening * first).max(0.5 * opening);
     let near: Vec<f64> = profile.iter().filter(|p| p.0 > first && p.0 < first + 2.5 * width).map(|p| p.1).collect();
     let plateau = near.iter().sum::<f64>() / (near.len().max(1) as f64);
     // The rim's centre lies behind the outer edge of its halo.
-    let tip = fall(&profile, 0.5 * plateau, opening)? + 0.4 * width;
+    let tip = fall(&profile, 0.5 * plateau, quiet)? + 0.4 * width;
     Some(End { beyond: -tip, clarity })
 }
 

@@ -3,7 +3,7 @@
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays, side by side")]
 
 use super::drawn::{Drawn, Places, Seam};
-use super::model::{Cone, GLASS, PLACES};
+use super::model::{Cone, GLASS, PLACES, SEAM_DEVIATION};
 use super::patch::{LANES, Lanes, Patch};
 
 /// Pixels that a fit needs at least.
@@ -20,6 +20,10 @@ pub struct Fit {
     pub residual: f64,
     /// The same without any pipette: level and slopes of the light alone.
     pub empty: f64,
+    /// The share of the squares that the cone explains, where what does not look like one counts less.
+    pub explained: f64,
+    /// Standard error of the glass's share of the mix, in standard deviations of a pixel's noise.
+    pub glass_error: f64,
     /// Standard errors of the tip along and across the pipette, px.
     pub error_along: f64,
     pub error_across: f64,
@@ -33,7 +37,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    fn penalty(&self, cone: &Cone) -> f64 {
+    pub fn penalty(&self, cone: &Cone) -> f64 {
         let p = cone.to_array();
         (0..PLACES).map(|i| ((p[i] - self.mean[i]) / self.deviation[i]).powi(2)).sum()
     }
@@ -95,7 +99,7 @@ fn distance(x: f64, y: f64, angle: f64, from: [f64; 2]) -> f64 {
 
 /// How much likelier a cone makes a patch than light alone does: the logarithm of the squares' ratio, for all its pixels.
 pub fn gain(patch: &Patch, cone: &Cone) -> f64 {
-    let drawn = Drawn::new(patch, cone, &patch.weights(), Seam::Without);
+    let drawn = Drawn::new(patch, cone, &patch.weights(), Seam::Without, 0.0);
     patch.mass * (patch.empty / drawn.squares.max(1e-12)).max(1.0).ln()
 }
 
@@ -108,7 +112,9 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
     let base = patch.weights();
     let mut weights = base.clone();
     let mut at = start;
-    let mut now = Drawn::new(patch, &at, &weights, seam);
+    // At first the seam is as it mostly is.
+    let mut stiffness = patch.mass;
+    let mut now = Drawn::new(patch, &at, &weights, seam, stiffness);
     let back = 0.4 * f64::from(patch.radius);
     let anchor = [start.x - back * start.angle.cos(), start.y - back * start.angle.sin()];
     if seam == Seam::With {
@@ -122,9 +128,9 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
             numbers[0] += shift * cos;
             numbers[1] += shift * sin;
             let cone = Anchored { at: anchor, numbers }.cone();
-            let drawn = Drawn::new(patch, &cone, &weights, seam);
-            if drawn.squares < best {
-                best = drawn.squares;
+            let drawn = Drawn::new(patch, &cone, &weights, seam, stiffness);
+            if drawn.cost < best {
+                best = drawn.cost;
                 at = cone;
                 now = drawn;
             }
@@ -134,8 +140,9 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
     let mut normal = Places::zeros();
     for round in 0..rounds {
         reweigh(&now.residuals, &base, patch.count, variance, &mut weights);
-        now.solve(patch, &weights);
         let noise = (now.squares / patch.mass).max(variance);
+        stiffness = noise / (SEAM_DEVIATION * now.mix[0]).powi(2).max(noise);
+        now.solve(patch, &weights, stiffness);
         let params = at.to_array();
         let equations = now.equations(patch, &at, &weights);
         normal = equations.normal / noise;
@@ -148,7 +155,7 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
         let jacobian = anchored.jacobian();
         let bent = jacobian.transpose() * normal * jacobian;
         let right = jacobian.transpose() * right;
-        let cost = now.squares / noise + prior.penalty(&at);
+        let cost = now.cost / noise + prior.penalty(&at);
         let mut moved = 0.0;
         for _ in 0..4 {
             let mut damped = bent;
@@ -161,8 +168,8 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
             };
             let numbers = std::array::from_fn(|i| anchored.numbers[i] + step[i].clamp(-LEAP[i], LEAP[i]));
             let cone = Anchored { at: anchor, numbers }.cone();
-            let next = Drawn::new(patch, &cone, &weights, seam);
-            if next.squares / noise + prior.penalty(&cone) < cost {
+            let next = Drawn::new(patch, &cone, &weights, seam, stiffness);
+            if next.cost / noise + prior.penalty(&cone) < cost {
                 moved = (cone.x - at.x).hypot(cone.y - at.y);
                 at = cone;
                 now = next;
@@ -185,7 +192,9 @@ pub fn fit(patch: &Patch, start: Cone, prior: &Prior, variance: f64, seam: Seam,
     Some(Fit {
         cone: at,
         unit: patch.unit,
-        mix: std::array::from_fn(|i| now.mix[i]),
+        explained: 1.0 - now.squares / now.empty_squares().max(1e-12),
+        glass_error: now.glass_error(),
+        mix: now.shares(),
         residual: squares / patch.mass,
         empty: patch.empty / patch.mass,
         error_along: (xx * cos * cos + 2.0 * xy * sin * cos + yy * sin * sin).max(0.0).sqrt(),

@@ -16,9 +16,10 @@ mod patch;
 mod pyramid;
 mod search;
 mod verify;
+mod weights;
 
 use crate::picture::View;
-use hypothesis::{FINE, Hypothesis};
+use hypothesis::Hypothesis;
 use pyramid::Level;
 use std::f64::consts::TAU;
 
@@ -51,6 +52,12 @@ pub struct Expect {
 /// Pixel size that the detector's lengths are meant for, µm.
 const PIXEL_UM: f64 = 0.32;
 
+/// A pixel size within this share of [`PIXEL_UM`] is as good as it.
+const ALIKE: f64 = 0.02;
+
+/// The largest pixels and the smallest that are told from [`PIXEL_UM`], as a factor.
+const EXTREMES: [f64; 2] = [0.25, 16.0];
+
 /// Halvings of a picture at most.
 const HALVINGS: f64 = 4.0;
 
@@ -61,7 +68,13 @@ impl Default for Expect {
 }
 
 impl Expect {
-    /// How often the picture is halved before it is looked at.
+    /// How many pixels of the picture a pixel of [`PIXEL_UM`] is wide.
+    fn side(&self) -> f64 {
+        let side = PIXEL_UM / self.pixel_um;
+        if !side.is_finite() || (side - 1.0).abs() < ALIKE { 1.0 } else { side.clamp(EXTREMES[0], EXTREMES[1]) }
+    }
+
+    /// How often a picture is halved until its pixels are near to [`PIXEL_UM`].
     fn halvings(&self) -> usize {
         let times = (PIXEL_UM / self.pixel_um).log2().round();
         if times > 0.0 { times.min(HALVINGS) as usize } else { 0 }
@@ -94,9 +107,8 @@ pub fn detect_all(view: &View<'_>, expect: &Expect) -> Vec<Tip> {
 
 /// The `most` likeliest places of a tip, settled; those that the detector is sure of.
 fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64) -> Vec<Tip> {
-    let halvings = expect.halvings();
-    let scale = (1 << halvings) as f64;
-    let mut levels = pyramid::levels(view, halvings);
+    let scale = expect.side();
+    let mut levels = pyramid::levels(view, scale);
     let (width, height) = (view.width() as f64 / scale, view.height() as f64 / scale);
     let Some(coarsest) = levels.last() else { return Vec::new() };
     let light = light::Light::of(coarsest);
@@ -128,11 +140,21 @@ fn inside(width: f64, height: f64, x: f64, y: f64) -> bool {
 /// Detail this far above the noise settles where a pipette ends better than its blur does.
 const CLEAR: f64 = 8.0;
 
+/// A sharp end speaks for a pipette: it adds this to the logarithm of the odds.
+const SHARP_END: f64 = 3.0;
+
+/// A fit that leaves this many times as much as noise would is of something that the model does not know.
+const UNEXPLAINED: f64 = 9.0;
+
 fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
     let polished = hypothesis::polish(levels, noise, best);
     let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
-    // Thin glass bends light more than it takes: real tips reach farther than their darkness, and their detail shows it.
-    let end = end::settled(levels, &best.fit.cone, noise).filter(|end| end.clarity > CLEAR);
+    // Thin glass bends light more than it takes: a real tip may reach farther than its darkness, which the fit then leaves
+    // unexplained, and its detail shows it.
+    let end = (best.unexplained > UNEXPLAINED)
+        .then(|| end::settled(levels, &best.fit.cone, noise))
+        .flatten()
+        .filter(|end| end.clarity > CLEAR);
     let (x, y, angle) = match end {
         Some(end) => {
             let cone = &best.fit.cone;
@@ -142,7 +164,7 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
         }
         None => (cone.x, cone.y, cone.angle),
     };
-    let log_odds = best.log_odds(&FINE) + if end.is_some() { 5.5 } else { 0.0 };
+    let log_odds = best.log_odds() + if end.is_some() { SHARP_END } else { 0.0 };
     let degrees = angle.to_degrees().rem_euclid(360.0);
     Tip {
         x_px: x,

@@ -28,6 +28,10 @@ pub const PLACES: usize = 7;
 /// Shapes of the pipette that mix linearly: glass with its lumen, what the lumen differs by, and the seam of bent light.
 pub const GLASS: usize = 3;
 
+/// What the seam is of the glass with a real objective's bent light at half strength, and how far it may be from that.
+pub const SEAM: f64 = 2.5;
+pub const SEAM_DEVIATION: f64 = 1.5;
+
 /// Optics of a 40x/0.8 W objective at 0.32 µm/px, from a real focal stack; lengths in px, heights as the blur radius that they
 /// make. Another pixel size multiplies all of them.
 mod optics {

@@ -70,7 +70,7 @@ pub enum MotionError {
 /// # Errors
 /// [`MotionError`]: too few frames, a frequency that the frames cannot show, or frames of different size.
 pub fn vibration(frames: &[View<'_>], fps: f64, vibration_hz: f64) -> Result<Picture, MotionError> {
-    let Swing { width, height, real, imaginary } = Swing::of(frames, fps, vibration_hz)?;
+    let Swing { width, height, real, imaginary, .. } = Swing::of(frames, fps, vibration_hz)?;
     let swing: Vec<f32> = real.iter().zip(&imaginary).map(|(a, b)| a.hypot(*b)).collect();
     let most = swing.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
     let grey = swing.iter().map(|v| (v / most * f32::from(u16::MAX)) as u16).collect();
@@ -92,8 +92,7 @@ pub fn detect_vibrating(
     let scale = (1 << halvings) as f64;
     let levels = levels(picture, halvings);
     let unit = PIXEL_UM / (expect.pixel_um * scale);
-    let noise = (noise / scale).max(f64::MIN_POSITIVE);
-    let best = fit::best(&levels, noise, unit, |angle| expect.allows(angle));
+    let best = fit::best(&levels, noise / scale, unit, |angle| expect.allows(angle));
     let (width, height) = (levels[0].width as f64, levels[0].height as f64);
     let tip = best.filter(|b| expect.allows(b.cone.angle) && inside(width, height, b.cone.x, b.cone.y)).map(|b| Tip {
         x_px: (b.cone.x + 0.5) * scale - 0.5,
@@ -104,8 +103,8 @@ pub fn detect_vibrating(
     Ok(tip.filter(|tip| tip.confidence >= expect.confidence))
 }
 
-/// Resolutions that a pipette is looked for at: the picture's own and halved ones.
-const LEVELS: usize = 5;
+/// Pixels of the coarsest resolution at most: a pipette is laid over all of them, at every one of them.
+const COARSE_PIXELS: usize = 2000;
 
 /// A picture at halved and halved again resolutions, after `halvings` that are not counted.
 fn levels(picture: Level, halvings: usize) -> Vec<Level> {
@@ -115,7 +114,7 @@ fn levels(picture: Level, halvings: usize) -> Vec<Level> {
         finest = Level { step: 1, ..halved(&finest) };
     }
     let mut levels = vec![finest];
-    while let Some(last) = levels.last().filter(|l| levels.len() < LEVELS && l.width >= 4 && l.height >= 4) {
+    while let Some(last) = levels.last().filter(|l| l.width * l.height > COARSE_PIXELS) {
         levels.push(halved(last));
     }
     levels

@@ -44,13 +44,42 @@ impl Level {
         Some((f64::from(self.values[j * self.width + i]), self.picture_px(i), self.picture_px(j)))
     }
 
-    /// The picture at half the resolution. Half pixels at the right and the bottom are left away.
-    fn of(view: &View<'_>) -> Self {
+    /// The picture at half the resolution of nominal pixels, each `side` of the picture's wide. What is not a whole pixel of it at
+    /// the right and the bottom is left away.
+    fn of(view: &View<'_>, side: f64) -> Self {
         match view.pixels() {
-            Pixels::Grey8(p) => halve(p, view.stride(), view.width(), view.height(), 1),
-            Pixels::Grey16(p) => halve(p, view.stride(), view.width(), view.height(), 1),
+            Pixels::Grey8(p) if side == 1.0 => halve(p, view.stride(), view.width(), view.height(), 1),
+            Pixels::Grey16(p) if side == 1.0 => halve(p, view.stride(), view.width(), view.height(), 1),
+            Pixels::Grey8(p) => averages(p, view, 2.0 * side),
+            Pixels::Grey16(p) => averages(p, view, 2.0 * side),
         }
     }
+}
+
+/// The mean of the picture over squares of `side` pixels, of parts of pixels too.
+fn averages<T: Copy + Into<f32>>(values: &[T], view: &View<'_>, side: f64) -> Level {
+    let (width, height) = ((view.width() as f64 / side) as usize, (view.height() as f64 / side) as usize);
+    let columns: Vec<Vec<(usize, f32)>> = (0..width).map(|i| shares(i, side, view.width())).collect();
+    let mut out = Vec::with_capacity(width * height);
+    let mut row = vec![0.0_f32; view.width()];
+    for j in 0..height {
+        row.fill(0.0);
+        for (y, share) in shares(j, side, view.height()) {
+            for (sum, value) in row.iter_mut().zip(&values[y * view.stride()..]) {
+                *sum += share * (*value).into();
+            }
+        }
+        out.extend(columns.iter().map(|shares| shares.iter().map(|(x, share)| share * row[*x]).sum::<f32>()));
+    }
+    Level { width, height, step: 2, values: out }
+}
+
+/// Which of `n` pixels the stretch numbered `i` of length `side` covers, and the share of the stretch that each is.
+fn shares(i: usize, side: f64, n: usize) -> Vec<(usize, f32)> {
+    let (from, to) = (i as f64 * side, (i + 1) as f64 * side);
+    (from as usize..n.min(to.ceil() as usize))
+        .map(|k| (k, ((to.min(k as f64 + 1.0) - from.max(k as f64)) / side) as f32))
+        .collect()
 }
 
 pub fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, height: usize, step: usize) -> Level {
@@ -68,20 +97,43 @@ pub fn halve<T: Copy + Into<f32>>(values: &[T], stride: usize, width: usize, hei
     Level { width: w, height: h, step: 2 * step, values: out }
 }
 
-/// Half, quarter, eighth and sixteenth of the picture, as far as they have pixels. With `halvings` of the picture halved as many
-/// times first, whose pixels they then count in.
-pub fn levels(view: &View<'_>, halvings: usize) -> Vec<Level> {
-    let mut levels = vec![Level::of(view)];
-    while levels.len() < 4 + halvings {
+/// Half, quarter, eighth and sixteenth of the picture, as far as they have pixels, counted in nominal pixels that are `side` of
+/// the picture's wide.
+pub fn levels(view: &View<'_>, side: f64) -> Vec<Level> {
+    let mut levels = vec![Level::of(view, side)];
+    while levels.len() < 4 {
         let last = &levels[levels.len() - 1];
         if last.width < 4 || last.height < 4 {
             break;
         }
         levels.push(halve(&last.values, last.width, last.width, last.height, last.step));
     }
-    levels.drain(..halvings.min(levels.len() - 1));
-    for level in &mut levels {
-        level.step = (level.step >> halvings).max(1);
-    }
     levels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::Picture;
+
+    #[test]
+    fn averages_of_whole_pixels_are_those_of_halving() {
+        let grey = (0..24 * 16).map(|i| (i * 37 % 251) as u16).collect();
+        let picture = Picture::grey16(24, 16, grey).unwrap();
+        let halved = Level::of(&picture.view(), 1.0);
+        let Pixels::Grey16(values) = picture.view().pixels() else { panic!() };
+        let averaged = averages(values, &picture.view(), 2.0);
+        assert_eq!((halved.width, halved.height), (averaged.width, averaged.height));
+        assert!(halved.values.iter().zip(&averaged.values).all(|(a, b)| (a - b).abs() < 1e-3));
+    }
+
+    #[test]
+    fn a_stretch_is_shared_out_whole() {
+        for side in [0.7, 1.5, 2.0, 3.3] {
+            for i in 0..5 {
+                let sum: f32 = shares(i, side, 100).iter().map(|s| s.1).sum();
+                assert!((sum - 1.0).abs() < 1e-5, "{side} {i}: {sum}");
+            }
+        }
+    }
 }

@@ -1,9 +1,12 @@
 //! How much of what lies about a fitted pipette it explains, at every distance alike.
 
+#![allow(clippy::needless_range_loop, reason = "lanes of several arrays, side by side")]
+
 use super::fit::Fit;
 use super::model::Drawing;
 use super::pyramid::Level;
 use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// Radii (px) of the rings and the level each is sampled from.
 pub const RINGS: [(f64, usize); 11] = [
@@ -22,6 +25,14 @@ pub const RINGS: [(f64, usize); 11] = [
 
 /// Samples of a ring.
 const DIRECTIONS: usize = 32;
+
+/// Where they lie, along the pipette and across it, in radii.
+static AROUND: LazyLock<[[f64; 2]; DIRECTIONS]> = LazyLock::new(|| {
+    std::array::from_fn(|j| {
+        let turn = TAU * (j as f64 + 0.5) / DIRECTIONS as f64;
+        [turn.cos(), turn.sin()]
+    })
+});
 
 /// How well a fit explains what lies near, at a middle distance and far: the share of each ring's variance, averaged over the
 /// rings that the picture holds enough of on the shank's side. 1: all of it; 0 and less: it might as well not be there.
@@ -53,25 +64,32 @@ fn share(levels: &[Level], fit: &Fit, noise: f64, (radius, level): (f64, usize))
     let level = levels.get(level)?;
     let cone = &fit.cone;
     let drawing = Drawing::new(cone, level.step as f64, [cone.x, cone.y], fit.unit);
-    let mut pairs = Vec::with_capacity(DIRECTIONS);
+    let (sin, cos) = cone.angle.sin_cos();
+    let (mut x, mut y, mut value, mut held) =
+        ([0.0; DIRECTIONS], [0.0; DIRECTIONS], [0.0; DIRECTIONS], [0.0; DIRECTIONS]);
     let mut behind = 0;
-    for j in 0..DIRECTIONS {
-        let turn = TAU * (j as f64 + 0.5) / DIRECTIONS as f64;
-        let a = cone.angle + turn;
-        let Some((value, x, y)) = level.nearest(cone.x + radius * a.cos(), cone.y + radius * a.sin()) else { continue };
-        behind += usize::from(turn.cos() < -0.5);
-        let shapes = drawing.shapes::<true>((x - cone.x) as f32, (y - cone.y) as f32);
-        let drawn: f64 = fit.mix.iter().zip(shapes).map(|(m, s)| m * f64::from(s)).sum();
-        pairs.push((value, drawn));
+    for (j, [along, across]) in AROUND.iter().enumerate() {
+        let (dx, dy) = (along * cos - across * sin, along * sin + across * cos);
+        let Some(seen) = level.nearest(cone.x + radius * dx, cone.y + radius * dy) else { continue };
+        behind += usize::from(*along < -0.5);
+        (value[j], held[j]) = (seen.0 as f32, 1.0);
+        (x[j], y[j]) = ((seen.1 - cone.x) as f32, (seen.2 - cone.y) as f32);
     }
-    if pairs.len() < 8 || behind < 6 {
+    let n: f32 = held.iter().sum();
+    if n < 8.0 || behind < 6 {
         return None;
     }
-    let n = pairs.len() as f64;
-    let mean = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>() / n;
-    let (value, rest) = (mean(&|p| p.0), mean(&|p| p.0 - p.1));
-    let total = mean(&|p| (p.0 - value).powi(2));
-    let left = mean(&|p| (p.0 - p.1 - rest).powi(2));
+    let mix = fit.mix.map(|m| m as f32);
+    let mut rest = [0.0_f32; DIRECTIONS];
+    for j in 0..DIRECTIONS {
+        let shapes = drawing.shapes::<true>(x[j], y[j]);
+        rest[j] = value[j] - (mix[0] * shapes[0] + mix[1] * shapes[1] + mix[2] * shapes[2]);
+    }
+    let variance = |of: &[f32; DIRECTIONS]| {
+        let mean = of.iter().zip(&held).map(|(v, held)| v * held).sum::<f32>() / n;
+        f64::from(of.iter().zip(&held).map(|(v, held)| held * (v - mean).powi(2)).sum::<f32>() / n)
+    };
+    let (total, left) = (variance(&value), variance(&rest));
     let floor = (noise / level.step as f64).powi(2);
     Some(((total - left) / (total + floor)).max(-1.0))
 }

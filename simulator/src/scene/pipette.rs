@@ -3,6 +3,7 @@
 use super::Viewpoint;
 use super::optics::{EdgeSpread, Optics};
 use super::paint::Object;
+use std::f64::consts::FRAC_PI_4;
 
 /// Radius of the lumen over that of the glass. Fitted to a real tip (`docs/tips.md`).
 const LUMEN_RATIO: f64 = 0.508;
@@ -118,11 +119,14 @@ impl Object for Projection {
         let height = self.height_um(s);
         let half = self.half_width_um(s);
         let (body, edge) = (self.optics.body_blur_um(height), self.optics.edge_blur_um(height));
-        // The outline ends at the rim's far side, an ellipse about the tip.
-        let to_end = s + self.rim_um * (1.0 - (t / self.opening_um).powi(2)).max(0.0).sqrt();
         let spread = self.spread;
         let bar = |half: f64, blur: f64| spread.bar(t, half, blur);
-        let end = |blur: f64| spread.at(to_end / blur);
+        // The outline ends at the rim's far side, an ellipse about the tip; a blur wider than the rim sees all of it at once.
+        let here = (1.0 - (t / self.opening_um).powi(2)).max(0.0).sqrt();
+        let end = |blur: f64| {
+            let sharp = 1.0 / (1.0 + (blur / self.opening_um).powi(2));
+            spread.at((s + self.rim_um * (sharp * here + (1.0 - sharp) * FRAC_PI_4)) / blur)
+        };
         let glass = (bar(half, body) - LUMEN_BRIGHTNESS * bar(LUMEN_RATIO * half, body)) * end(body);
         let wide = edge * self.optics.edge_spread;
         let seam = (bar(half, edge) - bar(half, wide)) * end(edge);

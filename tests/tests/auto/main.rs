@@ -1,5 +1,6 @@
 //! A calibration with nobody at the microscope, on the simulated rig in virtual time.
 
+mod by_markers;
 mod eyes;
 mod faults;
 mod recalibrated;

@@ -18,6 +18,7 @@ fn calibrated(model: &RigModel) -> Rig {
         rms_um: 0.0,
         residuals_um: vec![0.0],
         rejected: Vec::new(),
+        certainty: None,
     };
     rig.set_camera_calibration(CameraCalibration {
         matrix_um_per_px: model.camera.matrix_um_per_px,

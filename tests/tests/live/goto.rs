@@ -30,6 +30,7 @@ fn record() -> Record {
         rms_um: 0.1,
         residuals_um: Vec::new(),
         rejected: Vec::new(),
+        certainty: None,
     }
 }
 
@@ -136,12 +137,15 @@ fn a_hundred_times_to_a_pixel_through_two_objectives_all_within_a_micrometre() {
 }
 
 #[test]
-#[ignore = "a gap: a wild detection among the first few, from which the map is begun, still ends a procedure (safely); not seen to pass"]
 fn wild_detections_and_refused_scans_cost_places_but_no_accuracy() {
-    let world = World::new(RigModel::new(5));
-    let mut stage = world.stage();
-    let mut rig = rig_file();
-    calibrate(&world, &mut stage, &mut rig, 5, 8, 6);
-    let (tip, scope) = worst(&world, &mut stage, &mut rig, 5, 30);
-    assert!(tip <= 1.0 && scope <= 1.0, "tip {tip} µm, microscope {scope} µm off");
+    // One look in ten somewhere else in the picture, one focus in six refused.
+    for seed in 5..10 {
+        let world = World::new(RigModel::new(seed));
+        let mut stage = world.stage();
+        let mut rig = rig_file();
+        calibrate(&world, &mut stage, &mut rig, seed, 10, 6);
+        let (tip, scope) = worst(&world, &mut stage, &mut rig, seed, 10);
+        println!("seed {seed}: tip within {tip:.3} µm, microscope within {scope:.3} µm");
+        assert!(tip <= 1.0 && scope <= 1.0, "seed {seed}: tip {tip} µm, microscope {scope} µm off");
+    }
 }

@@ -1,6 +1,5 @@
 //! Live procedures on the simulated rig: real boards and stages in virtual time, eyes that know the truth but for noise.
 
 mod goto;
-mod into_view;
 mod refusals;
 mod world;

@@ -19,6 +19,7 @@ fn record() -> Record {
         rms_um: 0.1,
         residuals_um: Vec::new(),
         rejected: Vec::new(),
+        certainty: None,
     }
 }
 

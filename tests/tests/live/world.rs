@@ -4,7 +4,7 @@
 use parfocal::frames::camera::{Camera, CameraError, Frame};
 use parfocal::link::transport::Transport;
 use parfocal::link::{Link, LinkOptions};
-use parfocal::picture::Picture;
+use parfocal::picture::{Picture, Roi};
 use parfocal::procedure::{
     FocusTask, Focuser, Found, FramePixel, Hint, NotFound, PointFinder, ProcedureError, Subject, Witness,
 };
@@ -14,6 +14,7 @@ use parfocal_protocol::message::{Role, Session};
 use parfocal_protocol::units::{Axis, HostTime, Micrometres};
 use parfocal_simulator::model::RigModel;
 use parfocal_simulator::rig;
+use parfocal_simulator::scene::Region;
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -199,8 +200,10 @@ impl PointFinder for TruthFinder {
             y_px: pixel[1] + self.sigma_px * self.noise.normal(),
         };
         if self.astray > 0 && self.noise.uniform() < 1.0 / f64::from(self.astray) {
-            place.x_px += 25.0 * self.noise.normal();
-            place.y_px += 25.0 * self.noise.normal();
+            // Half of them not far off, half anywhere.
+            let reach = if self.noise.uniform() < 0.5 { 25.0 } else { 200.0 };
+            place.x_px = (place.x_px + reach * self.noise.normal()).clamp(0.0, w - 1.0);
+            place.y_px = (place.y_px + reach * self.noise.normal()).clamp(0.0, h - 1.0);
         }
         Ok(Found { at: place, confidence: 0.9, angle_deg: None, by: Witness::Detector })
     }
@@ -284,12 +287,25 @@ impl Camera for Rendered {
     }
 
     fn next_frame(&mut self, deadline: HostTime) -> Result<Option<Frame>, CameraError> {
-        let Some((times, frame)) = self.0.lock().next_frame(deadline.0) else { return Ok(None) };
-        Ok(Some(Frame {
-            picture: Picture::grey16(frame.width, frame.height, frame.pixels).unwrap().into(),
+        Ok(self.next_part(deadline, None)?.map(|(frame, _)| frame))
+    }
+
+    fn next_part(
+        &mut self,
+        deadline: HostTime,
+        part: Option<Roi>,
+    ) -> Result<Option<(Frame, Option<Roi>)>, CameraError> {
+        let Some((times, shot)) = self.0.lock().next_shot(deadline.0) else { return Ok(None) };
+        let region = |p: Roi| Region { x: p.x, y: p.y, width: p.width, height: p.height };
+        let drawn = part.and_then(|part| shot.render_part(region(part)));
+        let left = if drawn.is_some() { None } else { part };
+        let drawn = drawn.unwrap_or_else(|| shot.render());
+        let frame = Frame {
+            picture: Picture::grey16(drawn.width, drawn.height, drawn.pixels).unwrap().into(),
             number: times.number,
             exposure: Some((HostTime(times.begin), HostTime(times.end))),
             arrival: HostTime(times.arrival),
-        }))
+        };
+        Ok(Some((frame, left)))
     }
 }

@@ -9,6 +9,7 @@ use super::camera::{Lens, Side, StereoCamera};
 use super::edges::{Border, Edge, Grey, Tone, borders, measure};
 use super::levels::Levels;
 use super::marker::Cells;
+use super::weighted::{Row, Solved, solve};
 use nalgebra::{Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// A marker to be measured: its squares, borders and size.
@@ -186,29 +187,15 @@ struct Step {
     information: Matrix6<f64>,
     rms_px: f64,
     /// Sum of Tukey weights, per picture.
-    kept: Vec<f64>,
+    kept: [f64; 2],
 }
 
 /// Unknowns of a step: the pose's six, and the spread of each picture's edges.
 const UNKNOWNS: usize = 8;
 
-/// An edge's equation: slopes times the step make its offset.
-struct Row {
-    slopes: [f64; UNKNOWNS],
-    offset: f64,
-    weight: f64,
-    picture: usize,
-}
-
-impl Row {
-    fn miss(&self, by: &SVector<f64, UNKNOWNS>) -> f64 {
-        self.offset - self.slopes.iter().zip(by.as_slice()).map(|(s, b)| s * b).sum::<f64>()
-    }
-}
-
 /// One step of Gauss and Newton over pose and each picture's spread.
 fn adjust(seen: &[Seen], camera: &StereoCamera, pose: &Isometry3<f64>, noise: f64) -> Option<Step> {
-    let mut rows: Vec<Row> = Vec::new();
+    let mut rows: Vec<Row<UNKNOWNS>> = Vec::new();
     for (picture, part) in seen.iter().enumerate() {
         for edge in &part.edges {
             let (_, slope) = look(camera, part.side, pose, edge.middle)?;
@@ -221,56 +208,15 @@ fn adjust(seen: &[Seen], camera: &StereoCamera, pose: &Isometry3<f64>, noise: f6
             rows.push(Row { slopes, offset: edge.offset_px, weight, picture });
         }
     }
-    let mut by = SVector::zeros();
-    let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
-    let mut scale = f64::INFINITY;
-    let mut kept = vec![0.0; seen.len()];
-    let mut sums = (0.0, 0.0, 0.0);
-    for _ in 0..6 {
-        let mut products = [[0.0; UNKNOWNS]; UNKNOWNS];
-        let mut gradient = [0.0; UNKNOWNS];
-        kept.fill(0.0);
-        sums = (0.0, 0.0, 0.0);
-        for row in &rows {
-            let miss = row.miss(&by);
-            let robust = tukey(miss * row.weight.sqrt() / scale);
-            kept[row.picture] += robust;
-            let weight = row.weight * robust;
-            for (i, a) in row.slopes.iter().enumerate() {
-                for (sum, b) in products[i].iter_mut().zip(&row.slopes) {
-                    *sum += weight * a * b;
-                }
-                gradient[i] += weight * a * row.offset;
-            }
-            sums = (sums.0 + robust, sums.1 + weight * miss * miss, sums.2 + robust * miss * miss);
-        }
-        for (k, line) in products.iter_mut().enumerate() {
-            // A picture that took no part has its spread's prior only.
-            line[k] += if k < 3 {
-                1e-9
-            } else if k < 6 {
-                0.0
-            } else {
-                1.0 / (SPREAD_PX * SPREAD_PX)
-            };
-        }
-        normal = SMatrix::from_fn(|i, j| products[i][j]);
-        by = normal.cholesky()?.solve(&SVector::from(gradient));
-        let mut far: Vec<f64> = rows.iter().map(|row| row.miss(&by).abs() * row.weight.sqrt()).collect();
-        far.sort_by(f64::total_cmp);
-        scale = (1.4826 * far[far.len() / 2]).max(1.0);
-    }
+    // A picture that took no part has its spread's prior only.
+    let spread = 1.0 / (SPREAD_PX * SPREAD_PX);
+    let prior = [1e-9, 1e-9, 1e-9, 0.0, 0.0, 0.0, spread, spread];
+    let Solved { by, normal, kept, weights, weighted_squares, squares } = solve(&rows, prior, 6, 1.0)?;
     // Neighbouring pieces share pixels' noise little, but what the model misses they share: no better than the residuals say.
-    let unit = (sums.1 / (sums.0 - (6 + seen.len()) as f64).max(1.0)).max(1.0);
+    let unit = (weighted_squares / (weights - (6 + seen.len()) as f64).max(1.0)).max(1.0);
     let spread = normal.fixed_view::<2, 2>(6, 6).try_inverse()?;
     let across = normal.fixed_view::<6, 2>(0, 6).into_owned();
     let information = (normal.fixed_view::<6, 6>(0, 0) - across * spread * across.transpose()) / unit;
     let by = by.fixed_rows::<6>(0).into_owned();
-    Some(Step { by, information, rms_px: (sums.2 / sums.0.max(1.0)).sqrt(), kept })
-}
-
-/// Tukey's biweight at 4.685 standard deviations.
-pub(super) fn tukey(r: f64) -> f64 {
-    let u = (r / 4.685).powi(2);
-    if u < 1.0 { (1.0 - u).powi(2) } else { 0.0 }
+    Some(Step { by, information, rms_px: (squares / weights.max(1.0)).sqrt(), kept })
 }

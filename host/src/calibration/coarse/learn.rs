@@ -24,13 +24,13 @@ pub struct ManipulatorMarker {
     #[serde(with = "plain::matrix")]
     pub axes: Matrix3<f64>,
     /// The tip at `joints_um`, mm.
-    #[serde(with = "plain::point")]
+    #[serde(default, with = "plain::point")]
     pub tip_mm: Option<Point3<f64>>,
     /// The joints' positions at which `tip_mm` and the marker were seen together, µm.
     #[serde(with = "plain::vector")]
     pub joints_um: Vector3<f64>,
     /// The pipette's direction, from its holder to its tip, of length 1.
-    #[serde(with = "plain::direction")]
+    #[serde(default, with = "plain::direction")]
     pub pipette: Option<Vector3<f64>>,
     /// Whether the marker moves with the tip, or sticks to the base.
     pub rides: bool,
@@ -52,7 +52,7 @@ pub struct Learned {
     /// Markers on the objective.
     pub objectives: BTreeMap<MarkerId, ObjectiveMarker>,
     /// Substrate marker to ref, mm, valid while the substrate stays where it is.
-    #[serde(with = "plain::maybe_pose")]
+    #[serde(default, with = "plain::maybe_pose")]
     pub substrate: Option<Isometry3<f64>>,
 }
 

@@ -26,6 +26,7 @@ pub mod sheet;
 mod start;
 #[cfg(test)]
 mod tests;
+mod weighted;
 
 pub use camera::{Lens, Side, StereoCamera, StereoError};
 pub use graph::{MarkerPose, Registration};

@@ -122,6 +122,7 @@ pub fn residuals<const D: usize>(solution: &Solution<D>) -> String {
                 .x_label_formatter(&|x| format!("{x:.0}"))
                 .x_desc(if axis + 1 == D { "row" } else { "" })
                 .y_labels(5)
+                .y_label_formatter(&|y| tick(*y))
                 .y_desc(["x", "y", "z"][axis.min(2)])
                 .label_style(("sans-serif", 14))
                 .draw()?;
@@ -164,17 +165,25 @@ pub fn axes(linear: &Matrix3<f64>) -> String {
         }
         for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
             let of_ref = Vector3::ith(k, 1.15);
-            arrow(&mut chart, &of_ref, GREY, 1, &format!("ref {name}"))?;
+            arrow(&mut chart, &of_ref, GREY, 1, &format!("ref {name}"), 0.0)?;
             let column: Vector3<f64> = linear.column(k).into();
             let shown = column / linear.column_iter().map(|c| c.norm()).fold(1e-9, f64::max);
             // The foot on the floor shows how an axis leans.
             let foot = Vector3::new(shown.x, shown.y, 0.0);
             let drop = [project(&shown), project(&foot), project(&Vector3::zeros())];
             chart.draw_series(DashedLineSeries::new(drop, 4, 4, AXES[k].mix(0.5).into()))?;
-            arrow(&mut chart, &shown, AXES[k], 4, name)?;
+            // Beside its arrow: beyond its end is where ref's own axis may be.
+            arrow(&mut chart, &shown, AXES[k], 4, name, 0.09)?;
         }
         Ok(())
     })
+}
+
+/// A number at an axis, without a minus before zero and zeros behind.
+fn tick(v: f64) -> String {
+    let text = format!("{v:.3}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".into() } else { text.into() }
 }
 
 type Plane<'a, 'b> = ChartContext<
@@ -183,7 +192,14 @@ type Plane<'a, 'b> = ChartContext<
     Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
 >;
 
-fn arrow(chart: &mut Plane<'_, '_>, tip: &Vector3<f64>, colour: RGBColor, width: u32, name: &str) -> Drawn {
+fn arrow(
+    chart: &mut Plane<'_, '_>,
+    tip: &Vector3<f64>,
+    colour: RGBColor,
+    width: u32,
+    name: &str,
+    beside: f64,
+) -> Drawn {
     let (from, to) = (project(&Vector3::zeros()), project(tip));
     chart.draw_series([PathElement::new(vec![from, to], colour.stroke_width(width))])?;
     let (dx, dy) = (to.0 - from.0, to.1 - from.1);
@@ -191,7 +207,8 @@ fn arrow(chart: &mut Plane<'_, '_>, tip: &Vector3<f64>, colour: RGBColor, width:
     let (ux, uy) = (dx / length, dy / length);
     let side = |s: f64| (to.0 - 0.06 * ux - s * 0.025 * uy, to.1 - 0.06 * uy + s * 0.025 * ux);
     chart.draw_series([Polygon::new(vec![to, side(1.0), side(-1.0)], colour.filled())])?;
-    let at = (to.0 + 0.06 * ux - 0.02, to.1 + 0.06 * uy + 0.03);
+    let beyond = if beside > 0.0 { -0.03 } else { 0.06 };
+    let at = (to.0 + beyond * ux - beside * uy - 0.02, to.1 + beyond * uy + beside * ux + 0.03);
     chart.draw_series([Text::new(name.to_owned(), at, ("sans-serif", 17).into_font().color(&colour))])?;
     Ok(())
 }

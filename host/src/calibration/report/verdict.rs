@@ -92,7 +92,11 @@ fn rejected<const D: usize>(solution: &Solution<D>, rows: Option<&[usize]>) -> O
     let name = |i: usize| rows.map_or(i + 1, |rows| rows[i]);
     let out: Vec<String> = (0..solution.inliers.len())
         .filter(|&i| !solution.inliers[i])
-        .map(|i| format!("{} ({:.0} µm off)", name(i), solution.residuals[i].norm()))
+        .map(|i| {
+            let off = solution.residuals[i].norm();
+            let digits = if off < 9.95 { 1 } else { 0 };
+            format!("{} ({off:.digits$} µm off)", name(i))
+        })
         .collect();
     match out.len() {
         0 => None,

@@ -99,6 +99,8 @@ impl Default for ScalePrior {
 /// What was found.
 #[derive(Clone, Debug)]
 pub struct Solution<const D: usize> {
+    /// The family of maps.
+    pub model: Model,
     /// Least squares over the inliers.
     pub fit: Fit<D>,
     /// Which points it rests on.
@@ -260,6 +262,7 @@ fn solution<const D: usize>(
     ambiguity: Option<Ambiguity<D>>,
 ) -> Solution<D> {
     Solution {
+        model: search.model,
         fit: best.fit,
         inliers: flags(&best.chosen, search.src.len()),
         residuals: search.src.iter().zip(search.dst).map(|(x, y)| y - best.fit.map.apply(x)).collect(),

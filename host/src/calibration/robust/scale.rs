@@ -37,11 +37,12 @@ pub fn settle<const D: usize>(search: &mut Search<'_, D>) -> Result<Solution<D>,
 pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, SolveError> {
     let (n, m) = (search.src.len(), search.model.sample_size::<D>());
     let floor = extent(search.dst) * FINEST;
+    let least = (floor * floor).max(f64::MIN_POSITIVE);
     if n == m {
         // An exact fit has no residuals to learn from.
         return Ok(floor.max(f64::MIN_POSITIVE));
     }
-    // For every number of inliers, the sample whose nearest points fit it best.
+    // For every number of inliers, the sample whose nearest points fit it best, its axes' lengths being likely ones.
     let mut best: Vec<Option<(f64, Vec<usize>)>> = vec![None; n + 1];
     let mut sorted: Vec<(f64, usize)> = Vec::with_capacity(n);
     search.samples(|search, sample| {
@@ -50,13 +51,24 @@ pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, Solv
         let mut inside = 0.0;
         for k in 1..=n {
             inside += sorted[k - 1].0;
-            if k > m && best[k].as_ref().is_none_or(|(least, _)| inside < *least) {
-                best[k] = Some((inside, sorted[..k].iter().map(|(_, i)| *i).collect()));
+            let free = (D * k).saturating_sub(search.model.parameters::<D>()) as f64;
+            if k <= m || free == 0.0 {
+                continue;
+            }
+            let near = (inside / free).max(least);
+            let least = best[k].as_ref().map_or(f64::INFINITY, |(least, _)| *least);
+            // The lengths' share is never below 0: most samples need not be asked for it.
+            let mut unlikely = free * near.ln();
+            if unlikely < least {
+                unlikely += search.surprise(&fit, near.sqrt());
+            }
+            if unlikely < least {
+                best[k] = Some((unlikely, sorted[..k].iter().map(|(_, i)| *i).collect()));
             }
         }
         Some(DRAWS)
     });
-    let mut likeliest: Option<(f64, f64)> = None;
+    let mut levels: Vec<Level> = Vec::new();
     for (_, mut chosen) in best.into_iter().flatten() {
         let k = chosen.len();
         // Concentrate: fit, take the k nearest, until they stand still (Rousseeuw & Van Driessen 1999).
@@ -80,7 +92,7 @@ pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, Solv
             continue;
         }
         let (free, rest) = (free as f64, (D * (n - k)) as f64);
-        let near = (chosen.iter().map(|&i| r2(i)).sum::<f64>() / free).max((floor * floor).max(f64::MIN_POSITIVE));
+        let near = (chosen.iter().map(|&i| r2(i)).sum::<f64>() / free).max(least);
         // Not in units of noise: beside a small set every point is far off by that.
         let out: f64 = (0..n).filter(|i| chosen.binary_search(i).is_err()).map(r2).sum();
         let far = if k == n { 1.0 } else { (out / rest).max(near) };
@@ -88,12 +100,35 @@ pub fn tolerance<const D: usize>(search: &mut Search<'_, D>) -> Result<f64, Solv
         let unlikely = 0.5 * (free * near.ln() + rest * far.ln() + search.surprise(&fit, near.sqrt())) + choices;
         // The best of many sets fits by chance as well: by about one standard deviation of its own.
         let generous = 1.0 + if k == n { 0.0 } else { 1.0 / (2.0 * free).sqrt() };
-        if likeliest.is_none_or(|(least, _)| unlikely < least) {
-            likeliest = Some((unlikely, (TOLERANCE_SIGMAS * near.sqrt() * generous).max(floor)));
-        }
+        let tolerance = (TOLERANCE_SIGMAS * near.sqrt() * generous).max(floor);
+        levels.push(Level { unlikely, tolerance, chosen });
     }
-    likeliest.map(|(_, tolerance)| tolerance).ok_or(SolveError::Degenerate { model: search.model.name() })
+    levels.sort_by(|a, b| a.unlikely.total_cmp(&b.unlikely));
+    let Some(likeliest) = levels.first() else {
+        return Err(SolveError::Degenerate { model: search.model.name() });
+    };
+    let widens = |level: &&Level| {
+        level.tolerance < LOOSER * likeliest.tolerance
+            && likeliest.chosen.iter().all(|i| level.chosen.binary_search(i).is_ok())
+    };
+    let near = levels.iter().take_while(|level| level.unlikely - likeliest.unlikely < MARGIN).filter(widens);
+    Ok(near.max_by_key(|level| level.chosen.len()).unwrap_or(likeliest).tolerance)
 }
+
+/// A number of inliers, the set that suits it best, and the noise that they would have.
+struct Level {
+    /// −log of the likelihood, give or take a constant.
+    unlikely: f64,
+    tolerance: f64,
+    /// In order.
+    chosen: Vec<usize>,
+}
+
+/// The tightest of many sets is tight by chance as well: one that holds the likeliest set and more points is taken when it is less
+/// likely by no more than this…
+const MARGIN: f64 = 6.0;
+/// … and not looser by this factor.
+const LOOSER: f64 = 4.0;
 
 /// Most rounds of fitting and choosing anew.
 const CONCENTRATIONS: usize = 10;

@@ -42,6 +42,7 @@ impl Camera {
     pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         if self.solving.samples.is_none() {
             let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
+            self.solving.ready()?;
             if self.solving.dry_run {
                 return super::moves::microscope(&room, self.live.places(), self.solving.report.as_deref(), out);
             }

@@ -43,6 +43,7 @@ impl Objective {
     pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         if self.solving.samples.is_none() {
             let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
+            self.solving.ready()?;
             let plan = self.plan(&room)?;
             if self.solving.dry_run {
                 return super::moves::microscope(&room, plan.places, self.solving.report.as_deref(), out);

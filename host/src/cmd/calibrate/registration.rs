@@ -55,6 +55,7 @@ impl Registration {
     pub fn run(mut self, connection: &Connection, out: Output) -> anyhow::Result<()> {
         if self.solving.samples.is_none() {
             let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
+            self.solving.ready()?;
             let manipulator = self.manipulator.context("say which manipulator to register: --manipulator N")?;
             let plan = RegistrationPlan {
                 manipulator,

@@ -30,7 +30,7 @@ pub(super) fn take(arguments: &Arguments, folder: &Path, rig: Option<&Rig>, from
     }
     let connection = Connection { rig: arguments.rig.clone(), ..from.clone() };
     let has_axes = rig.is_some_and(|rig| !rig.contents().axes.is_empty());
-    let simulated = arguments.cameras.iter().all(|camera| *camera == CameraAddress::Simulated);
+    let simulated = arguments.cameras.iter().all(|camera| matches!(camera, CameraAddress::Simulated(_)));
     let bench = (simulated || has_axes)
         .then(|| connection.open(Purpose::Look, Model { seed: connection.seed, ..Model::default() }))
         .transpose()?;

@@ -6,7 +6,7 @@ use super::learning::read;
 use anyhow::{Context, bail};
 use nalgebra::Vector3;
 use parfocal::calibration::chain::Arm;
-use parfocal::calibration::coarse::learn::{self, Coarse, Learned, Now};
+use parfocal::calibration::coarse::learn::{self, Coarse, Learned, Now, RefFrame};
 use parfocal::calibration::coarse::{Degrees, MarkerId, Registration};
 use parfocal::rig::{self, CoarseRegistration, MARKERS, Markers, Rig};
 use serde_json::{Value, json};
@@ -78,6 +78,14 @@ pub(super) fn place(
 pub fn put(rig: &mut Rig, placed: &BTreeMap<MarkerId, Coarse>, now: &Now) -> anyhow::Result<String> {
     let mut text = String::new();
     for (id, coarse) in placed {
+        if coarse.frame == RefFrame::Substrate {
+            let _ = writeln!(
+                text,
+                "marker {id}: placed relative to the substrate's marker only, nothing says where the microscope looks: not put in \
+                 force. Learn the markers with a fine calibration (docs/coarse.md)"
+            );
+            continue;
+        }
         let of = rig.contents().markers.as_ref().and_then(|m| m.manipulator(*id));
         let number = of.with_context(|| {
             format!(

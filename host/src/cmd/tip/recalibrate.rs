@@ -37,8 +37,10 @@ impl Recalibrate {
         let found = found.context("the old tip stays in force")?;
         let [x, y, z] = found.offset.offset_um;
         let warning = rig.add_tip_offset(n, found.offset.clone())?;
+        // As people read it: no minus before a zero.
+        let [tx, ty, tz] = [x, y, z].map(|um| (10.0 * um).round() / 10.0 + 0.0);
         let mut text = format!(
-            "The new tip of {n} is {:.1} µm from the last one, {x:.1}, {y:.1}, {z:.1} µm from the registered one.\n",
+            "The new tip of {n} is {:.1} µm from the last one, {tx:.1}, {ty:.1}, {tz:.1} µm from the registered one.\n",
             found.moved_um
         );
         if let Some(warning) = &warning {

@@ -55,7 +55,7 @@ pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bo
     let prior = Prior::new(unit);
     let typical = Swinging { depth: 1.0, ..Swinging::from_array(prior.mean) };
     let coarsest = levels.last()?;
-    let coarse = Patch::whole(levels.get(3).unwrap_or(coarsest), noise, unit);
+    let coarse = Patch::whole(&levels[levels.len().saturating_sub(2)], noise, unit);
     let mut found: Vec<Fitted> = start::places(coarsest, unit, typical, STARTS, &allowed)
         .into_iter()
         .filter_map(|at| coarse.fit(&prior, at, 15))

@@ -12,6 +12,8 @@ pub struct Swing {
     pub height: usize,
     pub real: Vec<f32>,
     pub imaginary: Vec<f32>,
+    /// Standard deviation of a pixel's noise at least: whole grey values are known no better.
+    rounding: f64,
 }
 
 impl Swing {
@@ -40,7 +42,8 @@ impl Swing {
         for ((frame, c), s) in frames.iter().zip(&cosines).zip(&sines) {
             add(frame, *c as f32, *s as f32, &mut real, &mut imaginary);
         }
-        Ok(Self { width, height, real, imaginary })
+        let rounding = (2.0 / (12.0 * frames.len() as f64)).sqrt();
+        Ok(Self { width, height, real, imaginary, rounding })
     }
 
     /// What swings with the pipette, and the standard deviation of a pixel's noise in it.
@@ -68,7 +71,7 @@ impl Swing {
         let mut rest: Vec<f32> = both().map(|(a, b)| (b * cos - a * sin).abs()).collect();
         let middle = rest.len() / 2;
         let noise = f64::from(*rest.select_nth_unstable_by(middle, f32::total_cmp).1) / 0.6745;
-        (Level { width: self.width, height: self.height, step: 1, values }, noise)
+        (Level { width: self.width, height: self.height, step: 1, values }, noise.max(self.rounding))
     }
 }
 

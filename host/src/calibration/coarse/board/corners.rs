@@ -3,9 +3,9 @@
 use super::super::CoarseError;
 use super::super::camera::Lens;
 use super::super::edges::{Edge, Grey, Tone, borders, measure as measure_edges};
-use super::super::fit::tukey;
 use super::super::levels::Levels;
 use super::super::marker::{Found, cells, find, outline};
+use super::super::weighted::{Row, solve};
 use super::Board;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -76,29 +76,14 @@ fn step(size_mm: f64, corners: &[Vector2<f64>; 4], lens: &Lens, edges: &[Edge]) 
     let mut rows = Vec::new();
     for edge in edges {
         let at = lens.pixel(through(&here, edge.middle)?);
-        let mut row = SVector::<f64, 9>::zeros();
-        for (k, map) in maps.iter().enumerate() {
-            row[k] = edge.normal.dot(&(lens.pixel(through(map, edge.middle)?) - at)) / 1e-3;
+        let mut slopes = [0.0; 9];
+        for (slope, map) in slopes.iter_mut().zip(&maps) {
+            *slope = edge.normal.dot(&(lens.pixel(through(map, edge.middle)?) - at)) / 1e-3;
         }
-        row[8] = -1.0;
-        rows.push((row, edge.offset_px, 1.0 / (edge.variance + 1e-5)));
+        slopes[8] = -1.0;
+        rows.push(Row { slopes, offset: edge.offset_px, weight: 1.0 / (edge.variance + 1e-5), picture: 0 });
     }
-    let mut by = SVector::<f64, 9>::zeros();
-    let mut scale = f64::INFINITY;
-    for _ in 0..4 {
-        let mut normal = SMatrix::<f64, 9, 9>::identity() * 1e-9;
-        let mut gradient = SVector::<f64, 9>::zeros();
-        for (row, offset, weight) in &rows {
-            let weight = weight * tukey((offset - row.dot(&by)) * weight.sqrt() / scale);
-            normal += row * row.transpose() * weight;
-            gradient += row * (weight * offset);
-        }
-        by = normal.cholesky()?.solve(&gradient);
-        let mut far: Vec<f64> = rows.iter().map(|(row, o, w)| (o - row.dot(&by)).abs() * w.sqrt()).collect();
-        far.sort_by(f64::total_cmp);
-        scale = (1.4826 * far[far.len() / 2]).max(1e-6);
-    }
-    Some(by)
+    solve(&rows, [1e-9; 9], 4, 1e-6).map(|solved| solved.by)
 }
 
 /// The map from a marker's plane to four directions.
@@ -119,6 +104,7 @@ fn homography(size_mm: f64, to: &[Vector2<f64>; 4]) -> Option<Matrix3<f64>> {
 }
 
 fn through(map: &Matrix3<f64>, p: Vector2<f64>) -> Option<Vector2<f64>> {
-    let q = map * Vector3::new(p.x, p.y, 1.0);
-    (q.z > 1e-9).then(|| Vector2::new(q.x / q.z, q.y / q.z))
+    let row = |k: usize| map[(k, 0)] * p.x + map[(k, 1)] * p.y + map[(k, 2)];
+    let (x, y, z) = (row(0), row(1), row(2));
+    (z > 1e-9).then(|| Vector2::new(x / z, y / z))
 }

@@ -1,6 +1,7 @@
 //! Least squares over places and markers.
 
-use super::super::fit::{difference, nudge, tukey};
+use super::super::fit::{difference, nudge};
+use super::super::weighted::tukey;
 use super::{Degrees, MarkerId, MarkerPose, Millimetres, Place, View, apart, linked};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector6};
 use std::collections::BTreeMap;

@@ -5,7 +5,7 @@ use super::*;
 use crate::calibration::coarse::graph::MarkerPose;
 use crate::calibration::coarse::learn::fine::{self, Fine, Objective};
 use crate::calibration::coarse::learn::moves::{self, Stop};
-use crate::calibration::coarse::learn::{LearnError, Learned, Now, place};
+use crate::calibration::coarse::learn::{LearnError, Learned, ManipulatorMarker, Now, place};
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -140,6 +140,15 @@ fn three_moves_and_clicks_do_without_a_fine_calibration() {
         assert!(off < 0.6, "seed {seed}: {off} mm");
         assert!((coarse.theta.unwrap().0 - 31.0).abs() < 0.5, "seed {seed}: {coarse:?}");
     }
+}
+
+#[test]
+fn what_was_learned_without_clicks_comes_back_from_a_rigs_file() {
+    let mut arm = Arm::new(3);
+    let marker = ManipulatorMarker { tip_mm: None, pipette: None, ..moves::learn(MarkerId(1), &arm.moves()).unwrap() };
+    let learned = Learned { manipulators: BTreeMap::from([(MarkerId(1), marker)]), ..Learned::default() };
+    let text = toml::to_string(&learned).unwrap();
+    assert_eq!(toml::from_str::<Learned>(&text).unwrap(), learned, "{text}");
 }
 
 #[test]

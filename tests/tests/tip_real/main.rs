@@ -1,5 +1,7 @@
 //! The tip of a real pipette, in a focal stack taken with a 40x/0.8 W objective.
 
+mod pasted;
+
 use parfocal::frames::image_file;
 use parfocal::picture::Picture;
 use parfocal::tip::{Expect, Tip, detect};
@@ -68,4 +70,48 @@ fn a_mirrored_or_turned_picture_has_a_mirrored_or_turned_tip() {
     }
     errors.sort_by(f64::total_cmp);
     assert!(errors[errors.len() / 2] <= 0.7, "{errors:.2?}");
+}
+
+/// Detections of the seven planes, each shown in several ways: how far from the transformed tip, in pixels of the stack.
+fn pasted_errors(scales: &[f64]) -> (Vec<f64>, Vec<String>) {
+    use pasted::{Background, Pasted};
+    let (mut errors, mut misses) = (Vec::new(), Vec::new());
+    let backgrounds = [Background::Even, Background::Uneven, Background::Cells];
+    for (plane, picture) in planes() {
+        let tip = detect(&picture.view(), &Expect::default()).unwrap();
+        for (i, scale) in scales.iter().enumerate() {
+            for (j, background) in backgrounds.into_iter().enumerate() {
+                for mirrored in [false, true] {
+                    let seed = 100 * plane as u64 + 10 * i as u64 + 3 * j as u64 + u64::from(mirrored);
+                    let turn_deg = (seed * 47 % 360) as f64;
+                    let pasted = Pasted { turn_deg, mirrored, scale: *scale, background, seed };
+                    let [x, y] = pasted.shown(&picture, [tip.x_px, tip.y_px]);
+                    let expect = Expect { pixel_um: 0.323 / scale, ..Expect::default() };
+                    match detect(&pasted.picture(&picture).view(), &expect) {
+                        Some(found) => {
+                            let e = (found.x_px - x).hypot(found.y_px - y) / scale;
+                            if e > 1.5 {
+                                println!("BAD {plane} {e:.2} {found:?} {pasted:?}");
+                            }
+                            errors.push(e)
+                        }
+                        None => misses.push(format!("plane {plane}: {pasted:?}")),
+                    }
+                }
+            }
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    (errors, misses)
+}
+
+#[test]
+#[cfg_attr(not(shared_data), ignore = "needs real data: set PARFOCAL_DATA")]
+fn turned_mirrored_enlarged_and_pasted_elsewhere_the_tip_stays_where_it_is() {
+    let (errors, misses) = pasted_errors(&[1.0, 1.5, 2.0, 3.0]);
+    let of = errors.len() + misses.len();
+    let at = |share: f64| errors[((errors.len() - 1) as f64 * share).round() as usize];
+    println!("found {} of {of}; median {:.2} px, 95 % {:.2} px", errors.len(), at(0.5), at(0.95));
+    assert!(errors.len() * 10 >= of * 9, "missed: {misses:#?}");
+    assert!(at(0.5) <= 0.7 && at(0.95) <= 2.0, "median {:.2} px, 95 % {:.2} px", at(0.5), at(0.95));
 }
