@@ -4,5 +4,6 @@ mod browser;
 mod cameras;
 mod coarse;
 mod control;
+mod rig_file;
 mod safety;
 mod scripts;
