@@ -1,6 +1,6 @@
 //! Files of the simulated rig, calibrated by its own geometry: what other tests show to be found by measuring.
 
-use parfocal::rig::{CameraCalibration, CoarseRegistration, ManipulatorNumber, Objective, Pipette, Record, Rig, Zoom};
+use parfocal::rig::{CameraCalibration, CoarseRegistration, ManipulatorNumber, Pipette, Record, Rig, Zoom};
 use parfocal_simulator::model::{ObjectiveModel, RigModel};
 
 /// When all this was measured.
@@ -40,7 +40,7 @@ pub fn calibrated(objectives: &[&str]) -> Rig {
     let matrix_um_per_px = model.camera.matrix_um_per_px;
     rig.set_camera_calibration(CameraCalibration { matrix_um_per_px, objective: None, record }).unwrap();
     for o in &model.objectives {
-        let entry = rig.contents_mut().objectives.entry(o.name.into()).or_insert_with(Objective::default);
+        let entry = rig.contents_mut().objectives.entry(o.name.into()).or_default();
         entry.depth_of_field_um = Some(o.depth_of_field_um);
         if objectives.contains(&o.name) {
             rig.set_zoom(o.name, Zoom { zoom: 1.0, alpha: o.alpha, kappa_um: o.kappa_um, record: None });
