@@ -36,6 +36,7 @@ pub fn calibrated(objectives: &[&str]) -> Rig {
         rms_um: 0.1,
         residuals_um: Vec::new(),
         rejected: Vec::new(),
+        certainty: None,
     };
     let matrix_um_per_px = model.camera.matrix_um_per_px;
     rig.set_camera_calibration(CameraCalibration { matrix_um_per_px, objective: None, record }).unwrap();
