@@ -44,6 +44,9 @@ const LEAPS: [f64; NUMBERS] = [20.0, 20.0, 0.3, 0.5, 0.5, 10.0, 0.5, 0.5, 0.3, 1
 /// Places that a fit begins at.
 const STARTS: usize = 8;
 
+/// What a pipette explains of the whole picture, at least, over what one can.
+const HOLDS: f64 = 0.5;
+
 /// Ways along the pipette and blurs of its tip that a closer look begins at, px at the still detector's pixel size; and how many of
 /// these are fitted.
 const SHIFTS: [f64; 5] = [-24.0, -12.0, 0.0, 12.0, 24.0];
@@ -107,6 +110,11 @@ pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bo
     let (sin, cos) = last.at.cone.angle.sin_cos();
     let c = &last.covariance;
     let along = c[(0, 0)] * cos * cos + 2.0 * c[(0, 1)] * sin * cos + c[(1, 1)] * sin * sin;
+    // A shank whose tip is not seen can be explained near some place by a pipette that ends there, but not as a whole.
+    let (whole, _) = coarse.squares_and_depth(&last.at);
+    if coarse.squares - whole < HOLDS * (coarse.squares - best.squares) {
+        return None;
+    }
     // What is left is noise, or more where the pipette is none or is not all that swings.
     let left = (last.squares / (patch.variance * patch.mass)).max(1.0);
     Some(Best { cone: last.at.cone, error_along: (along.max(0.0) * left).sqrt(), gain: gain / left })
