@@ -305,17 +305,22 @@ fn a_scan_fits_the_board() {
     assert!(size_of::<Scan>() < 12 * 1024, "{} bytes", size_of::<Scan>());
 }
 
-/// A sweep: samples every `gap` µm that come `late` samples after they were exposed.
+/// A sweep: samples every `gap` nm that come `late` samples after they were exposed.
 fn sweep(start_um: f64, gap: i32, late: usize, noise: f64) -> (Outcome, Summary) {
+    uneven_sweep(start_um, gap, late, noise, 0.0)
+}
+
+/// The same, whose moving frames are exposed at most so many nm from where their time says.
+fn uneven_sweep(start_um: f64, gap: i32, late: usize, noise: f64, uneven_nm: f64) -> (Outcome, Summary) {
     // A sweep keeps its whole range: half a micrometre a place is too fine for 400.
     let p = ScanParameters { mode: Mode::Sweep, sample_step: Nanometres(2_000), ..parameters(200) };
     let mut z = Nanometres((start_um * 1000.0) as i32);
-    let mut g = Noise(9);
+    let (mut g, mut uneven) = (Noise(9), Noise(5));
     let mut value = |z: Nanometres| Ok(FocusValue(peak(z.micrometres().0, 30.0, 9.0) * (1.0 + noise * g.next())));
     let (mut scan, mut ask) = Scan::begin(&p, z).unwrap();
     let mut pending = std::collections::VecDeque::new();
     let mut leg = z;
-    for _ in 0..10_000 {
+    for _ in 0..20_000 {
         match ask {
             Ask::Sample { z: at } => {
                 assert_eq!(at, z, "a sweep stands still for its frames at rest");
@@ -343,13 +348,27 @@ fn sweep(start_um: f64, gap: i32, late: usize, noise: f64) -> (Outcome, Summary)
         ask = Ask::Wait;
         if pending.len() > late || way == 0 {
             let at = pending.pop_front().unwrap();
-            ask = scan.sample(at, value(at));
+            let beside = if way == 0 { 0.0 } else { uneven_nm * (uneven.next() / 2.0).clamp(-1.0, 1.0) };
+            ask = scan.sample(at, value(Nanometres(at.0 + beside as i32)));
         }
         if way == 0 && pending.is_empty() && ask == Ask::Wait {
             ask = scan.arrived(z);
         }
     }
     panic!("the sweep never ends");
+}
+
+#[test]
+fn uneven_timing_is_no_light_that_drifts() {
+    for (gap, uneven_nm) in [(60, 0.0), (150, 0.0), (400, 0.0), (450, 150.0), (700, 300.0), (3_000, 900.0)] {
+        for start in [-60.0, -20.0, 5.0, 55.0, 90.0] {
+            let (outcome, found) = uneven_sweep(start, gap, 0, 0.0, uneven_nm);
+            let what = format!("every {gap} nm, uneven by {uneven_nm} nm, from {start}");
+            assert_eq!(outcome, Outcome::Focused, "{what}");
+            let off = found.best.micrometres().0 - 30.0;
+            assert!(off.abs() < 1.0, "{what}: {off} µm off");
+        }
+    }
 }
 
 #[test]

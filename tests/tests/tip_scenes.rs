@@ -82,3 +82,17 @@ fn a_vibrating_tip_is_found_among_cells() {
         assert!(tip.is_none(), "{show:?}: {tip:?}");
     }
 }
+
+#[test]
+fn tiny_and_blank_pictures_hold_no_tip() {
+    let sizes = [(1, 1), (2, 2), (3, 5), (8, 8), (13, 14), (31, 17), (64, 64), (900, 3), (3, 900), (700, 16)];
+    for (width, height) in sizes {
+        for grey in [|_| 0, |_| u16::MAX, |i: usize| (i * 7919 % 65_536) as u16] {
+            let picture = Picture::grey16(width, height, (0..width * height).map(grey).collect()).unwrap();
+            for pixel_um in [0.05, 0.32, 0.65, 1e-9, 1e9] {
+                let tip = detect(&picture.view(), &Expect { pixel_um, ..Expect::default() });
+                assert!(tip.is_none(), "{width}x{height}, {pixel_um} µm: {tip:?}");
+            }
+        }
+    }
+}

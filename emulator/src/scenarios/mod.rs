@@ -58,16 +58,8 @@ pub const ALL: &[Scenario] = &[
         shows: "a scan over USB visits the same places as in the simulator",
         play: focus::over_usb,
     },
-    Scenario {
-        name: "scan-noise",
-        shows: "scans on noisy curves: no decision holds the board up",
-        play: noise::short,
-    },
-    Scenario {
-        name: "scan-long",
-        shows: "the same over all ranges and noises of the bench",
-        play: noise::long,
-    },
+    Scenario { name: "scan-noise", shows: "scans on noisy curves: no decision holds the board up", play: noise::short },
+    Scenario { name: "scan-long", shows: "the same over all ranges and noises of the bench", play: noise::long },
     Scenario { name: "scan-serial", shows: "the same scan over USART3", play: focus::over_serial },
     Scenario {
         name: "telemetry",

@@ -61,11 +61,10 @@ fn play(elf: &Path, runs: &[(&Truth, f64)]) -> anyhow::Result<(String, Times)> {
         let from = if noise == 0.0 { 0.0 } else { curve.z0random };
         let what = || format!("curve {}, noise {noise}", curve.id);
         let Scanned { visited, report, times } = scan(elf, curve, from, noise).with_context(what)?;
-        eprintln!("{}: {} samples, {times:.3?}", what(), visited.len());
         ensure!(report.outcome == Outcome::Focused, "{}: {:?}", what(), report.outcome);
         let off = report.end.micrometres().0 + from - curve.zstar;
         ensure!(off.abs() < 1.0, "{}: {off} µm beside the peak", what());
-        let _ = times.hold().with_context(what);
+        times.hold().with_context(what)?;
         slowest = slowest.slower(times);
         samples += visited.len();
     }

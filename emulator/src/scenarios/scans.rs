@@ -162,8 +162,9 @@ impl Places {
         Ok(Self {
             taken: program.address("parfocal_firmware::focusing::Focusing::sample")?,
             thought: program.address("parfocal_firmware::autofocus::scan::Scan::think")?,
-            moves: program
-                .address("parfocal_firmware::motion::moves::<impl parfocal_firmware::motion::facade::Motion>::move_to")?,
+            moves: program.address(
+                "parfocal_firmware::motion::moves::<impl parfocal_firmware::motion::facade::Motion>::move_to",
+            )?,
             answers: program.address("parfocal_firmware::board::links::Bytes::send")?,
         })
     }
@@ -181,7 +182,6 @@ impl Places {
             let mut from = sample.instructions;
             for hit in hits[i + 1..].iter().filter(|hit| hit.address != self.answers) {
                 ensure!(hit.address != self.taken, "a sample came before the decision about the one before it");
-                if us(hit.instructions - from) > 150.0 { eprintln!("DEBUG decision {decisions} from {} to {}: {:.0}", if from == sample.instructions {"sample"} else {"think"}, if hit.address == self.moves {"move"} else {"think"}, us(hit.instructions - from)); }
                 times.decision_us = times.decision_us.max(us(hit.instructions - from));
                 from = hit.instructions;
                 if hit.address == self.moves {

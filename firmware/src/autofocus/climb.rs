@@ -88,6 +88,7 @@ struct Thought {
 /// What it costs to see whether a side is done, and which way to go; with noise there are roots to draw.
 const DONE: i32 = 800;
 const NOISY_DONE: i32 = 10_000;
+const NOISY_HEADING: i32 = 6_000;
 
 impl Climb {
     /// A climb with these lengths.
@@ -105,7 +106,7 @@ impl Climb {
             return Poll::Ready(Some(here));
         }
         let (low, high) = (ready!(self.done(curve, Side::Low, slice)), ready!(self.done(curve, Side::High, slice)));
-        if slice.is_over() {
+        if !slice.affords(if quiet { DONE } else { NOISY_HEADING }) {
             return Poll::Pending;
         }
         let heading = match (low, high) {
@@ -195,9 +196,6 @@ impl Climb {
         {
             return Poll::Ready(known);
         }
-        if slice.is_over() {
-            return Poll::Pending;
-        }
         let done = ready!(self.is_done(curve, side, slice));
         if let Way::Out(thought) = &mut self.way {
             thought.done[side as usize] = Some(done);
@@ -209,7 +207,6 @@ impl Climb {
         let Some((best, _)) = curve.best() else { return Poll::Ready(false) };
         let past = |p: Place| (curve.seen(side).0 - p.0) * side.sign();
         let quiet = curve.noise().is_silent();
-        slice.spend(DONE);
         if quiet && rises(curve, side) {
             // A top right at the end must be crossed.
             return Poll::Ready(curve.ahead(side) < STRIDE);
@@ -222,9 +219,15 @@ impl Climb {
         if !(far || (quiet && past(best) > STRIDE)) {
             return Poll::Ready(false);
         }
-        slice.spend(if quiet { DONE } else { NOISY_DONE });
-        if !fell(curve, side) {
-            return Poll::Ready(false);
+        // Once begun, the search among the tops is beyond that.
+        let begun = matches!(&self.way, Way::Out(Thought { first: Some(_), .. }));
+        if !begun {
+            if !slice.affords(if quiet { DONE } else { NOISY_DONE }) {
+                return Poll::Pending;
+            }
+            if !fell(curve, side) {
+                return Poll::Ready(false);
+            }
         }
         Poll::Ready(far || past(ready!(self.first(curve, best, side, slice))) >= self.lengths.trap)
     }

@@ -252,6 +252,14 @@ impl Curve {
         self.seen = [self.seen[0].min(place), self.seen[1].max(place)];
     }
 
+    /// Takes in one frame from the start, before anything moved: such frames show whether the light drifts. One of a sweep that
+    /// has begun does not: however near, it lies on the slope, and by how much is as uncertain as its time.
+    pub fn add_at_rest(&mut self, z: Nanometres, value: FocusValue) {
+        let reference = if self.frames == 0 { value.0 } else { self.reference };
+        self.rest.add(f64::from(self.frames), value.0 - reference);
+        self.add(z, value);
+    }
+
     /// Takes in one frame.
     pub fn add(&mut self, z: Nanometres, value: FocusValue) {
         let value = value.0;
@@ -259,9 +267,6 @@ impl Curve {
         let off = z.0.saturating_sub(self.position(Place(place)).0) as f32 / self.unit as f32;
         if self.frames == 0 {
             self.reference = value;
-        }
-        if self.travelled == 0 && place == 0 {
-            self.rest.add(f64::from(self.frames), value - self.reference);
         }
         self.frames += 1;
         self.travelled += i64::from((place - self.here).abs());

@@ -29,12 +29,12 @@ const SMOOTHED: f64 = 0.1;
 /// Standard deviations of χ² above its mean at which a window is contradicted.
 const MISFIT: f64 = 2.5;
 
-/// What it costs to begin, to look at a place, to compare one with its neighbours, and to judge a fit.
-const BEGIN: i32 = 3_000;
-const PLACE: i32 = 60;
-const SMOOTH: i32 = 500;
+/// What it costs to begin, to look at a place, to compare one with its neighbours, to begin with one, and to judge a fit.
+const BEGIN: i32 = 4_000;
+const PLACE: i32 = 500;
 const COMPARED: i32 = 3_000;
-const JUDGED: i32 = 3_000;
+const BEGUN: i32 = 6_000;
+const JUDGED: i32 = 4_000;
 
 /// The search for it.
 #[derive(Clone, Debug)]
@@ -55,8 +55,18 @@ enum Way {
     Noisy {
         next: i32,
         least: f64,
+        candidate: Option<Candidate>,
         widening: Option<Widening>,
     },
+}
+
+/// A place that may be worth a fit.
+#[derive(Clone, Copy, Debug)]
+enum Candidate {
+    /// It is high enough.
+    High { place: Place, value: f64 },
+    /// Its neighbours are lower.
+    Top { place: Place },
 }
 
 impl Finding {
@@ -68,20 +78,19 @@ impl Finding {
     /// Goes on: the highest peak, if there is one.
     pub fn step(&mut self, curve: &Curve, slice: &mut Slice) -> Poll<Option<Peak>> {
         loop {
-            if slice.is_over() {
-                return Poll::Pending;
-            }
             match &mut self.way {
                 Way::Begin if curve.noise().is_silent() => {
                     self.way = Way::Silent(Summits::new(curve, self.from, self.to));
                 }
                 Way::Begin => {
-                    slice.spend(BEGIN);
+                    if !slice.affords(BEGIN) {
+                        return Poll::Pending;
+                    }
                     let Some((_, best)) = curve.best() else { return Poll::Ready(None) };
                     // A narrow top loses up to a fifth of itself to the smoothing, and more to lying between two samples.
                     let noise = HOPELESS * curve.noise().relative() * magnitude(best);
                     let least = best - noise - SMOOTHED * (best - curve.floor());
-                    self.way = Way::Noisy { next: self.from.0, least, widening: None };
+                    self.way = Way::Noisy { next: self.from.0, least, candidate: None, widening: None };
                 }
                 Way::Silent(summits) => {
                     let Some((_, top)) = ready!(summits.next(curve, slice)) else { return Poll::Ready(self.best) };
@@ -89,7 +98,7 @@ impl Finding {
                         self.best = Some(top);
                     }
                 }
-                Way::Noisy { next, least, widening } => {
+                Way::Noisy { next, least, candidate, widening } => {
                     if let Some(running) = widening {
                         let peak = ready!(running.step(curve, slice));
                         *widening = None;
@@ -99,17 +108,28 @@ impl Finding {
                         }
                         continue;
                     }
-                    if *next > self.to.0 {
-                        return Poll::Ready(self.best);
-                    }
-                    let place = Place(*next);
-                    *next += 1;
-                    slice.spend(PLACE);
-                    let Some(value) = curve.smooth(place) else { continue };
-                    slice.spend(SMOOTH);
-                    if value > *least {
-                        slice.spend(COMPARED);
-                        if is_local_maximum(curve, place, value) {
+                    match *candidate {
+                        None if *next > self.to.0 => return Poll::Ready(self.best),
+                        None => {
+                            if !slice.affords(PLACE) {
+                                return Poll::Pending;
+                            }
+                            let place = Place(*next);
+                            *next += 1;
+                            let value = curve.smooth(place).filter(|value| *value > *least);
+                            *candidate = value.map(|value| Candidate::High { place, value });
+                        }
+                        Some(Candidate::High { place, value }) => {
+                            if !slice.affords(COMPARED) {
+                                return Poll::Pending;
+                            }
+                            *candidate = is_local_maximum(curve, place, value).then_some(Candidate::Top { place });
+                        }
+                        Some(Candidate::Top { place }) => {
+                            if !slice.affords(BEGUN) {
+                                return Poll::Pending;
+                            }
+                            *candidate = None;
                             *widening = Widening::new(curve, place);
                         }
                     }
@@ -152,6 +172,9 @@ impl Widening {
         loop {
             let Some(&half) = WINDOWS.get(self.window) else { return Poll::Ready(self.best) };
             let Some(fitting) = &mut self.fitting else {
+                if !slice.affords(JUDGED) {
+                    return Poll::Pending;
+                }
                 let middle = Place((if self.best.at < 0.0 { self.best.at - 0.5 } else { self.best.at + 0.5 }) as i32);
                 let (from, to) = (Place(middle.0 - half), Place(middle.0 + half));
                 if curve.seen(Side::Low) > from || curve.seen(Side::High) < to {
@@ -159,14 +182,12 @@ impl Widening {
                 }
                 let model = Model { from, to, sigma: self.sigma, bend: self.bend };
                 self.fitting = Fitting::new(curve, model, self.best.at);
-                slice.spend(JUDGED);
                 if self.fitting.is_none() {
                     self.window += 1;
                 }
                 continue;
             };
             let fit = ready!(fitting.step(curve, slice));
-            slice.spend(JUDGED);
             let usable = |f: &Fit| f.bend > 0.0 && magnitude(f.shift) < 0.5 * f64::from(half);
             let Some((first, vertex)) = self.first else {
                 let contradicted = |f: &Fit| f.freedom > 0.0 && f.misfit > f.freedom + MISFIT * root(2.0 * f.freedom);

@@ -49,11 +49,13 @@ pub struct Fit {
 /// Places that a window holds at most.
 pub const MOST: usize = 177;
 
-/// What it costs to take in a place, the same again about another vertex, to solve, and to look at what is left of a place.
+/// What it costs to take in a place, the same again about another vertex, to solve, to conclude and judge, and to look at what
+/// is left of a place.
 const TAKEN_IN: i32 = 700;
 const TAKEN_AGAIN: i32 = 450;
 const SOLVED: i32 = 4_000;
-const LEFT: i32 = 60;
+const CONCLUDED: i32 = 7_000;
+const LEFT: i32 = 100;
 
 /// A known place of the window, in the units of the sums.
 #[derive(Clone, Copy, Debug)]
@@ -80,6 +82,10 @@ enum Stage {
     Solve,
     /// χ².
     Compare {
+        solved: Normal,
+        misfit: f32,
+    },
+    Conclude {
         solved: Normal,
         misfit: f32,
     },
@@ -146,36 +152,48 @@ impl Fitting {
     /// Goes on; `None` where the places do not determine a peak.
     pub fn step(&mut self, curve: &Curve, slice: &mut Slice) -> Poll<Option<Fit>> {
         loop {
-            if slice.is_over() {
-                return Poll::Pending;
-            }
             if let Stage::Solve = self.stage {
-                slice.spend(SOLVED);
+                if !slice.affords(SOLVED) {
+                    return Poll::Pending;
+                }
                 let Some(solved) = self.solve() else { return Poll::Ready(None) };
                 self.begin(Stage::Compare { solved, misfit: 0.0 });
             }
-            slice.spend(LEFT);
-            if let Some(cell) = curve.at(Place(self.next)) {
-                self.take(&cell, slice);
+            if let Stage::Conclude { solved, misfit } = &self.stage {
+                if !slice.affords(CONCLUDED) {
+                    return Poll::Pending;
+                }
+                return Poll::Ready(Some(self.conclude(solved, *misfit)));
+            }
+            let cell = curve.at(Place(self.next));
+            let cost = match &self.stage {
+                Stage::TakeIn if cell.is_some() => TAKEN_IN,
+                Stage::TakeAgain if cell.is_some() => TAKEN_AGAIN,
+                _ => LEFT,
+            };
+            if !slice.affords(cost) {
+                return Poll::Pending;
+            }
+            if let Some(cell) = cell {
+                self.take(&cell);
                 self.index += 1;
             }
             self.next += 1;
             if self.next > self.model.to.0 {
-                match &self.stage {
-                    Stage::Compare { solved, misfit } => return Poll::Ready(Some(self.conclude(solved, *misfit))),
-                    _ => self.stage = Stage::Solve,
-                }
+                self.stage = match &self.stage {
+                    Stage::Compare { solved, misfit } => Stage::Conclude { solved: *solved, misfit: *misfit },
+                    _ => Stage::Solve,
+                };
             }
         }
     }
 
     /// Takes a place in, as the stage has it.
-    fn take(&mut self, cell: &Cell, slice: &mut Slice) {
+    fn take(&mut self, cell: &Cell) {
         // Differences in f64; then the sums in f32, which the board's FPU has.
         let x = || product(cell.x - self.vertex, self.per_unit) as f32;
         match &mut self.stage {
             Stage::TakeIn => {
-                slice.spend(TAKEN_IN);
                 let y = product(cell.mean - self.reference, self.per_sigma) as f32;
                 let point = Point { x: x(), y };
                 // There is room for every place of a window.
@@ -183,7 +201,6 @@ impl Fitting {
                 self.sum(point, cell.frames);
             }
             Stage::TakeAgain => {
-                slice.spend(TAKEN_AGAIN);
                 let x = x();
                 if let Some(point) = self.points.get_mut(self.index) {
                     point.x = x;
@@ -191,9 +208,8 @@ impl Fitting {
                     self.sum(point, cell.frames);
                 }
             }
-            Stage::Solve => {}
+            Stage::Solve | Stage::Conclude { .. } => {}
             Stage::Compare { solved, misfit } => {
-                slice.spend(LEFT);
                 if let Some(point) = self.points.get(self.index) {
                     let f = point.terms();
                     let left = (0..TERMS).fold(point.y, |left, i| left - f[i] * fitted(solved, i, self.terms));

@@ -31,7 +31,7 @@ const DRIFT: f64 = 0.05;
 
 /// What it costs to look for the highest place, and to weigh one reason against the curve; with noise there are roots to draw.
 const HIGHEST: i32 = 8_000;
-const REASON: i32 = 1_500;
+const REASON: i32 = 3_000;
 const NOISY_REASON: i32 = 10_000;
 const PEAKS: i32 = 10_000;
 
@@ -48,12 +48,29 @@ enum Look {
 /// Why the curve may be refused, in the order in which it is.
 #[derive(Clone, Copy, Debug)]
 enum Reason {
-    Drift,
-    Edge,
+    Runaway,
+    Revisits,
+    Edge(Side),
     NoFall(Side),
     Vanishing,
-    TwoPeaks,
+    TwoPeaks(Side),
     NoPeak,
+}
+
+impl Reason {
+    fn next(self) -> Self {
+        match self {
+            Reason::Runaway => Reason::Revisits,
+            Reason::Revisits => Reason::Edge(Side::Low),
+            Reason::Edge(Side::Low) => Reason::Edge(Side::High),
+            Reason::Edge(Side::High) => Reason::NoFall(Side::Low),
+            Reason::NoFall(Side::Low) => Reason::NoFall(Side::High),
+            Reason::NoFall(Side::High) => Reason::Vanishing,
+            Reason::Vanishing => Reason::TwoPeaks(Side::Low),
+            Reason::TwoPeaks(Side::Low) => Reason::TwoPeaks(Side::High),
+            Reason::TwoPeaks(Side::High) | Reason::NoPeak => Reason::NoPeak,
+        }
+    }
 }
 
 /// The judgement of a finished search.
@@ -77,12 +94,11 @@ impl Judging {
     /// The reason why the curve has no focus that can be trusted.
     pub fn step(&mut self, curve: &Curve, slice: &mut Slice) -> Poll<Result<Peak, ScanRefusal>> {
         loop {
-            if slice.is_over() {
-                return Poll::Pending;
-            }
             match &mut self.look {
                 Look::Highest => {
-                    slice.spend(HIGHEST);
+                    if !slice.affords(HIGHEST) {
+                        return Poll::Pending;
+                    }
                     let Some((from, to)) = Refine::window(curve, self.trap) else {
                         return Poll::Ready(Err(ScanRefusal::SamplesStopped));
                     };
@@ -109,30 +125,29 @@ impl Judging {
                         let focus = valley.filter(|v| v.is_focus(peak.value)).map(|v| v.bottom);
                         return Poll::Ready(focus.ok_or(ScanRefusal::NoSignificantPeak));
                     }
-                    self.look = Look::Reason { found: *found, peak: *peak, valley, reason: Reason::Drift };
+                    self.look = Look::Reason { found: *found, peak: *peak, valley, reason: Reason::Runaway };
                 }
                 Look::Reason { found, peak, valley, reason } => {
-                    slice.spend(if curve.noise().is_silent() { REASON } else { NOISY_REASON });
+                    let cost = if curve.noise().is_silent() { REASON } else { NOISY_REASON };
+                    if !slice.affords(if matches!(reason, Reason::TwoPeaks(_)) { PEAKS } else { cost }) {
+                        return Poll::Pending;
+                    }
                     let height = peak.value - curve.floor();
                     let vanishes = || valley.is_some_and(|v| v.vanishes(peak.value, curve.floor()));
-                    let (refusal, next) = match *reason {
-                        Reason::Drift => (drifts(curve, height, peak.value, self.sweeping), Reason::Edge),
-                        Reason::Edge => (at_edge(curve, peak, height), Reason::NoFall(Side::Low)),
-                        Reason::NoFall(side) => {
-                            let next = if side == Side::Low { Reason::NoFall(Side::High) } else { Reason::Vanishing };
-                            ((!fell(curve, side)).then_some(ScanRefusal::NoSignificantPeak), next)
-                        }
-                        Reason::Vanishing => (vanishes().then_some(ScanRefusal::PhaseObject), Reason::TwoPeaks),
-                        Reason::TwoPeaks => {
-                            slice.spend(PEAKS);
-                            (two_peaks(curve, self.trap, height), Reason::NoPeak)
-                        }
+                    let refusal = match *reason {
+                        Reason::Runaway => runs_away(curve, height),
+                        Reason::Revisits if self.sweeping => None,
+                        Reason::Revisits => has_changed(curve, height, peak.value),
+                        Reason::Edge(side) => at_edge(curve, peak, height, side),
+                        Reason::NoFall(side) => (!fell(curve, side)).then_some(ScanRefusal::NoSignificantPeak),
+                        Reason::Vanishing => vanishes().then_some(ScanRefusal::PhaseObject),
+                        Reason::TwoPeaks(side) => two_peaks(curve, self.trap, height, side),
                         Reason::NoPeak => return Poll::Ready(found.ok_or(ScanRefusal::NoSignificantPeak)),
                     };
                     if let Some(why) = refusal {
                         return Poll::Ready(Err(why));
                     }
-                    *reason = next;
+                    *reason = reason.next();
                 }
             }
         }
@@ -140,82 +155,73 @@ impl Judging {
 }
 
 /// Refuses a peak at an end of the range, or one from which the curve does not fall towards an end that was reached.
-fn at_edge(curve: &Curve, peak: &Peak, height: f64) -> Option<ScanRefusal> {
-    let sigma = curve.noise().relative() * magnitude(peak.value);
-    for side in [Side::Low, Side::High] {
-        let limit = curve.limit(side).0;
-        let inside = (f64::from(limit) - peak.at) * f64::from(side.sign());
-        // Among the first or last two samples.
-        if inside < 1.5 * f64::from(STRIDE) {
-            return Some(ScanRefusal::PeakAtEdge);
-        }
-        if curve.ahead(side) >= STRIDE {
-            continue;
-        }
-        let end = curve.end(side);
-        let error = root(peak.error * peak.error + sigma * sigma / f64::from(end.frames.max(1)));
-        let doubt = if curve.noise().is_silent() { 0.0 } else { SURE * error };
-        if peak.value - end.mean < EDGE_FALL * height + doubt {
-            return Some(ScanRefusal::PeakAtEdge);
-        }
+fn at_edge(curve: &Curve, peak: &Peak, height: f64, side: Side) -> Option<ScanRefusal> {
+    let limit = curve.limit(side).0;
+    let inside = (f64::from(limit) - peak.at) * f64::from(side.sign());
+    // Among the first or last two samples.
+    if inside < 1.5 * f64::from(STRIDE) {
+        return Some(ScanRefusal::PeakAtEdge);
     }
-    None
+    if curve.ahead(side) >= STRIDE {
+        return None;
+    }
+    let end = curve.end(side);
+    let doubt = if curve.noise().is_silent() {
+        0.0
+    } else {
+        let sigma = curve.noise().relative() * magnitude(peak.value);
+        SURE * root(peak.error * peak.error + sigma * sigma / f64::from(end.frames.max(1)))
+    };
+    (peak.value - end.mean < EDGE_FALL * height + doubt).then_some(ScanRefusal::PeakAtEdge)
 }
 
-/// Refuses two peaks, alike in height, further apart than the trap radius.
-fn two_peaks(curve: &Curve, trap: i32, height: f64) -> Option<ScanRefusal> {
+/// Refuses two peaks, alike in height, further apart than the trap radius: the other one on this side of the highest.
+fn two_peaks(curve: &Curve, trap: i32, height: f64, side: Side) -> Option<ScanRefusal> {
     let floor = (curve.floor() - curve.reference()) as f32;
     let sigma = curve.noise().relative() * magnitude(curve.reference() + height);
     if height < 2.0 * SURE * sigma {
         return None;
     }
-    let bins = || 0..Curve::BINS as i32;
-    let Some((top, level)) =
-        bins().filter_map(|i| Some((i, curve.bin(i)?.1))).reduce(|a, b| if b.1 > a.1 { b } else { a })
-    else {
-        return None;
-    };
-    let place = curve.bin(top).map_or(0, |(p, _)| p.0);
+    let bins = (0..Curve::BINS as i32).filter_map(|i| Some((i, curve.bin(i)?)));
+    let (top, (place, level)) = bins.reduce(|a, b| if b.1.1 > a.1.1 { b } else { a })?;
     let share = |v: f32| (v - floor) / (level - floor);
-    for side in [Side::Low, Side::High] {
-        // Outwards from the top: how deep the curve falls, and whether it comes back.
-        let mut lowest = level;
-        for (p, v) in bins().filter_map(|d| curve.bin(top + (d + 1) * side.sign())) {
-            if v < lowest {
-                lowest = v;
-            }
-            // Between the middles of two bins lies up to a bin more than between what was seen of them.
-            if ((p.0 - place).abs() - curve.bin_width()) as f32 > FAR * trap as f32
-                && share(lowest) < APART
-                && share(v) > ALIKE
-            {
-                return Some(ScanRefusal::TwoPeaks);
-            }
+    // Between the middles of two bins lies up to a bin more than between what was seen of them.
+    let far = FAR * trap as f32;
+    let width = curve.bin_width();
+    // Outwards from the top: how deep the curve falls, and whether it comes back.
+    let outwards = if side == Side::Low { top } else { Curve::BINS as i32 - 1 - top };
+    let mut lowest = level;
+    for (p, v) in (1..=outwards).filter_map(|d| curve.bin(top + d * side.sign())) {
+        if v < lowest {
+            lowest = v;
+        }
+        if ((p.0 - place.0).abs() - width) as f32 > far && share(lowest) < APART && share(v) > ALIKE {
+            return Some(ScanRefusal::TwoPeaks);
         }
     }
     None
 }
 
-/// Refuses a curve whose values ran away at rest, or whose places had changed when they were visited again.
-///
-/// A sweep comes back over a place the other way, late by what is not calibrated: that is no change of light.
-fn drifts(curve: &Curve, height: f64, top: f64, sweeping: bool) -> Option<ScanRefusal> {
+/// Refuses a curve whose values ran away at rest.
+fn runs_away(curve: &Curve, height: f64) -> Option<ScanRefusal> {
     let rest = curve.rest();
     let sure = magnitude(rest.significance(curve.noise().relative() * magnitude(curve.reference()))) > RUNAWAY;
-    if sure && magnitude(rest.slope()) * f64::from(curve.frames()) > DRIFT * height {
-        return Some(ScanRefusal::LightDrifts);
-    }
+    let far = || magnitude(rest.slope()) * f64::from(curve.frames()) > DRIFT * height;
+    (sure && far()).then_some(ScanRefusal::LightDrifts)
+}
+
+/// Refuses a curve whose places had changed when they were visited again.
+///
+/// A sweep comes back over a place the other way, late by what is not calibrated: that is no change of light.
+fn has_changed(curve: &Curve, height: f64, top: f64) -> Option<ScanRefusal> {
     let again = curve.revisits();
-    if sweeping || again.frames < 2 {
+    if again.frames < 2 {
         return None;
     }
     let change = magnitude(again.mean);
-    let error = 2.0 * curve.noise().relative() / root(f64::from(again.frames));
-    if change * magnitude(top) > DRIFT * height && change > SURE * error {
-        Some(ScanRefusal::LightDrifts)
-    } else {
-        None
-    }
+    let far = change * magnitude(top) > DRIFT * height;
+    let error = || 2.0 * curve.noise().relative() / root(f64::from(again.frames));
+    (far && change > SURE * error()).then_some(ScanRefusal::LightDrifts)
 }
 
 /// Significance of a slope at rest that is no chance. A pure slope over n frames, taken for noise, has √n.

@@ -10,13 +10,13 @@ use heapless::Vec;
 const TOPS: usize = 16;
 
 /// What it costs to look at a place,
-const PLACE: i32 = 60;
+const PLACE: i32 = 100;
 
 /// to look up a top,
 const KEPT: i32 = 200;
 
 /// and to work one out.
-const WORKED_OUT: i32 = 4_000;
+const WORKED_OUT: i32 = 8_000;
 
 /// Every [`top`] between two places, with its place.
 #[derive(Clone, Debug)]
@@ -41,11 +41,11 @@ impl Summits {
     /// The next one, if there is one.
     pub fn next(&mut self, curve: &Curve, slice: &mut Slice) -> Poll<Option<(Place, Peak)>> {
         loop {
-            if slice.is_over() {
-                return Poll::Pending;
-            }
-            if let Some(place) = self.summit.take() {
-                slice.spend(if curve.tops().at(place).is_some() { KEPT } else { WORKED_OUT });
+            if let Some(place) = self.summit {
+                if !slice.affords(if curve.tops().at(place).is_some() { KEPT } else { WORKED_OUT }) {
+                    return Poll::Pending;
+                }
+                self.summit = None;
                 if let Some(peak) = top(curve, place) {
                     return Poll::Ready(Some((place, peak)));
                 }
@@ -54,7 +54,9 @@ impl Summits {
             if self.last.is_some_and(|l| l.0 > self.to) || self.next > self.end {
                 return Poll::Ready(None);
             }
-            slice.spend(PLACE);
+            if !slice.affords(PLACE) {
+                return Poll::Pending;
+            }
             let here = self.next;
             self.next += 1;
             // Values are compared without software floats: most places are no top.
@@ -112,7 +114,6 @@ impl Rivals {
                 ready!(self.all.next(curve, slice))
             };
             let Some((place, top)) = next else { return Poll::Ready(None) };
-            slice.spend(KEPT);
             if top.value + top.error + least.noise >= least.value {
                 return Poll::Ready(Some((place, top)));
             }

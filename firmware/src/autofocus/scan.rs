@@ -165,7 +165,17 @@ impl Scan {
             self.looks += 1;
             return self.compare(sum + value.0, frames + 1);
         }
-        self.curve.add(z, value);
+        let at_rest = matches!(self.asked, Ask::Sample { .. }) && z == self.start && self.curve.travelled() == 0;
+        if at_rest {
+            self.curve.add_at_rest(z, value);
+        } else {
+            self.curve.add(z, value);
+        }
+        if !self.curve.noise().is_silent() || self.curve.settle(&mut Slice::none()).is_pending() {
+            // Taking the frame in was work enough.
+            self.thinking = true;
+            return Ask::Think;
+        }
         self.search_on()
     }
 

@@ -51,7 +51,7 @@ impl Tops {
 }
 
 /// What it costs to work a top out.
-const WORKED_OUT: i32 = 6_000;
+const WORKED_OUT: i32 = 8_000;
 
 /// Works out the tops that a new sample at a place made or changed; `done` of the places around it are settled already, and in
 /// the end so many.
@@ -60,19 +60,18 @@ pub fn update(curve: &mut Curve, place: Place, mut done: usize, slice: &mut Slic
     let (low, high) = (peak::near(curve, place, -1), peak::near(curve, place, 1));
     let (lower, higher) = (low.and_then(|p| peak::near(curve, p, -1)), high.and_then(|p| peak::near(curve, p, 1)));
     for place in [lower, low, Some(place), high, higher].into_iter().skip(done) {
-        if slice.is_over() {
-            return (done, Poll::Pending);
-        }
-        done += 1;
         if let Some(place) = place
             && peak::is_top(curve, place)
             && curve.tops().at(place).is_none()
         {
-            slice.spend(WORKED_OUT);
+            if !slice.affords(WORKED_OUT) {
+                return (done, Poll::Pending);
+            }
             if let Some(top) = peak::work_out(curve, place) {
                 curve.tops_mut().keep(top);
             }
         }
+        done += 1;
     }
     (done, Poll::Ready(()))
 }

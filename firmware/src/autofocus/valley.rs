@@ -73,19 +73,18 @@ impl Deepest {
     pub fn step(&mut self, curve: &Curve, slice: &mut Slice) -> Poll<Option<Valley>> {
         let silent = curve.noise().is_silent();
         while let Some(side) = self.side {
-            if slice.is_over() {
+            let place_costs = if silent { PLACE } else { NOISY_PLACE };
+            if !slice.affords(if self.next <= self.trap { place_costs } else { BOTTOM }) {
                 return Poll::Pending;
             }
             if self.next <= self.trap {
                 let place = Place(self.top + self.next * side.sign());
                 self.next += 1;
-                slice.spend(if silent { PLACE } else { NOISY_PLACE });
                 if let Some(value) = if silent { curve.mean(place) } else { curve.smooth(place) } {
                     self.way.pass(place, value);
                 }
                 continue;
             }
-            slice.spend(BOTTOM);
             let Way { depth, lobe, found, .. } = self.way;
             if let Some((place, bottom)) = found
                 && self.deepest.is_none_or(|d| depth > d.lesser_lobe - d.bottom.value)

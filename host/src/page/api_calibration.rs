@@ -4,7 +4,7 @@ use super::api::{Answer, Operator, ended};
 use super::body::{Body, Failure};
 use super::desk::Level;
 use super::front::App;
-use super::order::Order;
+use super::order::{Order, OrderError};
 use super::wizard::{Plan, What};
 use crate::procedure::{Answer as Said, FramePixel, Subject};
 use crate::rig::ManipulatorNumber;
@@ -192,18 +192,22 @@ async fn undo(State(app): State<App>, _: Operator, Body(undo): Body<Undo>) -> An
 struct Nothing {}
 
 async fn accept(State(app): State<App>, _: Operator, Body(Nothing {}): Body<Nothing>) -> Answer {
-    let proposed = app.desk.wizard().accept()?;
-    let mut rig = app.desk.rig();
-    *rig = proposed;
-    let text = match &app.desk.rig_path {
-        Some(path) => {
-            rig.save(path).map_err(Failure::value)?;
-            format!("the calibration is in force, and kept in {}", path.display())
-        }
-        None => "the calibration is in force until this program ends: start it with --rig FILE to keep it".into(),
-    };
-    drop(rig);
-    app.desk.tell(Level::Info, text);
+    let desk = app.desk.clone();
+    let kept = tokio::task::spawn_blocking(move || {
+        let mut rig = desk.rig();
+        *rig = desk.wizard().accept(&rig)?;
+        let text = match &desk.rig_path {
+            Some(path) => {
+                rig.save(path).map_err(|e| OrderError::Value(e.to_string()))?;
+                format!("the calibration is in force, and kept in {}", path.display())
+            }
+            None => "the calibration is in force until this program ends: start it with --rig FILE to keep it".into(),
+        };
+        drop(rig);
+        desk.tell(Level::Info, text);
+        Ok::<_, OrderError>(())
+    });
+    kept.await.map_err(Failure::value)??;
     Ok(Json(json!({})))
 }
 

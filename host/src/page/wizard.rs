@@ -227,21 +227,28 @@ impl Wizard {
         Ok(())
     }
 
-    /// The rig with the new calibration in force.
+    /// The rig as it is now, with the new calibration in force.
     ///
     /// # Errors
     /// There is none to put in force.
-    pub fn accept(&mut self) -> Result<Rig, OrderError> {
+    pub fn accept(&mut self, rig: &Rig) -> Result<Rig, OrderError> {
         let none = || OrderError::Value("there is no calibration to put in force: finish one first".into());
-        let rig = self.proposed.take().ok_or_else(none)?;
-        *self = Self::default();
-        Ok(rig)
+        // The objective in use may be another than when this was solved.
+        self.solve(rig);
+        let mut proposed = self.proposed.take().ok_or_else(none)?;
+        if let Some(What::IntoView(number, _)) = &self.what {
+            let found = proposed.contents_mut().manipulators.remove(number).and_then(|m| m.coarse);
+            proposed = rig.clone();
+            proposed.contents_mut().manipulators.entry(*number).or_default().coarse = found;
+        }
+        *self = Self { questions: self.questions, ..Self::default() };
+        Ok(proposed)
     }
 
     /// Forgets what is over.
     pub fn discard(&mut self) {
         if self.shown.as_ref().is_some_and(|shown| shown.over) {
-            *self = Self::default();
+            *self = Self { questions: self.questions, ..Self::default() };
         }
     }
 

@@ -55,9 +55,9 @@ pub(super) const ERROR_SHARE: f64 = 0.02;
 /// Draws before the room counts as too small.
 pub(super) const REDRAWS: usize = 60;
 
-/// Places that may fail before a procedure gives up.
+/// Places that may fail before a procedure gives up: as many as give samples, and a few more.
 pub(super) fn patience(places: usize) -> usize {
-    places / 2 + 2
+    places + 4
 }
 
 fn scope(coordinate: Coordinate) -> AxisName {

@@ -45,7 +45,7 @@ const OPENING_PX: f64 = 3.0;
 const WIDENING: f64 = 0.2;
 
 /// Detail begins where it is this share of the shank's. The light bent in front of a rim makes up to a third of it.
-const BEGINS: f64 = 0.4;
+const BEGINS: f64 = 0.37;
 
 /// Looks for the place where the gradients of glass and halo fall to half of what they are along the last part of the shank.
 /// `noise` is a standard deviation of a pixel of the picture.
@@ -84,11 +84,11 @@ pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
     shank.sort_by(f64::total_cmp);
     let clarity = shank[shank.len() * 3 / 4] / (2.0 * floor).max(f64::MIN_POSITIVE);
     // Where bent light changes its sign, a shank may lack detail for a bit.
-    let quiet = 3.0 * opening;
+    let quiet = 4.0 * opening;
     // First where detail begins at all, then where it is half of what it is just behind.
     let first = fall(&profile, BEGINS * shank[shank.len() * 3 / 4], quiet)?;
     let width = (opening + widening * first).max(0.5 * opening);
-    let near: Vec<f64> = profile.iter().filter(|p| p.0 > first && p.0 < first + 2.5 * width).map(|p| p.1).collect();
+    let near: Vec<f64> = profile.iter().filter(|p| p.0 > first && p.0 < first + 1.8 * width).map(|p| p.1).collect();
     let plateau = near.iter().sum::<f64>() / (near.len().max(1) as f64);
     // The rim's centre lies behind the outer edge of its halo.
     let tip = fall(&profile, 0.5 * plateau, quiet)? + 0.4 * width;

@@ -20,6 +20,7 @@ mod weights;
 
 use crate::picture::View;
 use hypothesis::Hypothesis;
+use model::Cone;
 use pyramid::Level;
 use std::f64::consts::TAU;
 
@@ -56,7 +57,7 @@ const PIXEL_UM: f64 = 0.32;
 const ALIKE: f64 = 0.02;
 
 /// The largest pixels and the smallest that are told from [`PIXEL_UM`], as a factor.
-const EXTREMES: [f64; 2] = [0.25, 16.0];
+const EXTREMES: [f64; 2] = [0.5, 16.0];
 
 /// Halvings of a picture at most.
 const HALVINGS: f64 = 4.0;
@@ -78,6 +79,12 @@ impl Expect {
     fn halvings(&self) -> usize {
         let times = (PIXEL_UM / self.pixel_um).log2().round();
         if times > 0.0 { times.min(HALVINGS) as usize } else { 0 }
+    }
+
+    /// What it adds to the logarithm of the odds that something points where it is expected to: false tips point anywhere.
+    fn log_odds(&self) -> f64 {
+        let share = if self.angle_deg.is_some() { self.tolerance_deg / 180.0 } else { 1.0 };
+        -share.clamp(0.02, 1.0).ln()
     }
 
     fn allows(&self, angle_rad: f64) -> bool {
@@ -111,6 +118,9 @@ fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64)
     let mut levels = pyramid::levels(view, scale);
     let (width, height) = (view.width() as f64 / scale, view.height() as f64 / scale);
     let Some(coarsest) = levels.last() else { return Vec::new() };
+    if width.min(height) <= 2.0 * MARGIN_PX {
+        return Vec::new();
+    }
     let light = light::Light::of(coarsest);
     let noise = noise(&levels[0]).max(f64::MIN_POSITIVE);
     for level in &mut levels {
@@ -123,7 +133,7 @@ fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64)
         .iter()
         .filter(|h| expect.allows(h.fit.cone.angle) && inside(width, height, h.fit.cone.x, h.fit.cone.y))
         .take(most)
-        .map(|h| settle(&levels, h, noise))
+        .map(|h| settle(&levels, h, noise, expect))
         .filter(|tip| tip.confidence >= expect.confidence && inside(width, height, tip.x_px, tip.y_px))
         .map(|tip| Tip { x_px: (tip.x_px + 0.5) * scale - 0.5, y_px: (tip.y_px + 0.5) * scale - 0.5, ..tip })
         .collect()
@@ -146,25 +156,26 @@ const SHARP_END: f64 = 3.0;
 /// A fit that leaves this many times as much as noise would is of something that the model does not know.
 const UNEXPLAINED: f64 = 9.0;
 
-fn settle(levels: &[Level], best: &Hypothesis, noise: f64) -> Tip {
+fn settle(levels: &[Level], best: &Hypothesis, noise: f64, expect: &Expect) -> Tip {
     let polished = hypothesis::polish(levels, noise, best);
     let cone = polished.as_ref().map_or(best.fit.cone, |fit| fit.cone);
     // Thin glass bends light more than it takes: a real tip may reach farther than its darkness, which the fit then leaves
     // unexplained, and its detail shows it.
+    let laid = || {
+        let angle = hypothesis::shank_angle(levels, &best.fit.cone, noise).unwrap_or(best.fit.cone.angle);
+        Cone { angle, ..best.fit.cone }
+    };
     let end = (best.unexplained > UNEXPLAINED)
-        .then(|| end::settled(levels, &best.fit.cone, noise))
-        .flatten()
-        .filter(|end| end.clarity > CLEAR);
+        .then(laid)
+        .and_then(|axis| Some((axis, end::settled(levels, &axis, noise).filter(|end| end.clarity > CLEAR)?)));
     let (x, y, angle) = match end {
-        Some(end) => {
-            let cone = &best.fit.cone;
-            let (sin, cos) = cone.angle.sin_cos();
-            let angle = hypothesis::shank_angle(levels, cone, noise).unwrap_or(cone.angle);
-            (cone.x + end.beyond * cos, cone.y + end.beyond * sin, angle)
+        Some((axis, end)) => {
+            let (sin, cos) = axis.angle.sin_cos();
+            (axis.x + end.beyond * cos, axis.y + end.beyond * sin, axis.angle)
         }
         None => (cone.x, cone.y, cone.angle),
     };
-    let log_odds = best.log_odds() + if end.is_some() { SHARP_END } else { 0.0 };
+    let log_odds = best.log_odds() + expect.log_odds() + if end.is_some() { SHARP_END } else { 0.0 };
     let degrees = angle.to_degrees().rem_euclid(360.0);
     Tip {
         x_px: x,

@@ -1,14 +1,15 @@
 //! The operator page in a real browser, against the simulated rig: what a person does and sees.
 
+use crate::rig_file::calibrated;
 use parfocal_simulator::model::RigModel;
 use parfocal_tests::page::Served;
 use parfocal_tests::webdriver::Browser;
 use serde_json::{Value, json};
 
 /// How long anything may take, s: only a failure takes it.
-const PATIENCE: u64 = 90;
-/// A camera three times as fast as the usual one: a scan waits for frames most of its time.
-const FAST: [&str; 2] = ["--camera", "sim?fps=150&exposure_ms=2&delay_ms=1..3"];
+const PATIENCE: u64 = 180;
+/// A camera that delivers sooner than the usual one: a scan waits for frames most of its time.
+const FAST: [&str; 2] = ["--camera", "sim?fps=75&exposure_ms=2&delay_ms=1..2"];
 /// What the page says of who has control.
 const YOURS: &str = "return document.getElementById('operator').innerText === 'you have control'";
 
@@ -173,6 +174,9 @@ fn camera_and_manipulator_are_calibrated_by_clicks() {
     let Some((served, browser)) = page(&FAST) else { return };
     // Near focus, as a person would begin.
     assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }))["ok"], true);
+    // Objectives wait for the camera.
+    browser.click("#step-objective");
+    assert_eq!(browser.run("return document.getElementById('begin').disabled"), true);
     browser.click("#step-camera");
     set_fields(&browser, 12);
     browser.click("#begin");
@@ -225,22 +229,16 @@ fn camera_and_manipulator_are_calibrated_by_clicks() {
 
 #[test]
 fn objectives_are_calibrated_by_clicks_and_changed_on_the_page() {
-    let Some((served, browser)) = page(&FAST) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    calibrated(&["40x"]).save(&path).unwrap();
+    let arguments = [&FAST[..], &["--rig", path.to_str().unwrap()]].concat();
+    let Some((served, browser)) = page(&arguments) else { return };
     assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }))["ok"], true);
-    // Nothing to begin before the camera is calibrated: here by the detector, without a person.
-    browser.click("#step-objective");
-    assert_eq!(browser.run("return document.getElementById('begin').disabled"), true);
-    let camera = json!({
-        "what": "camera", "by": "detector", "manipulator": "m1", "places": 3, "focus_within_um": 12, "seed": 5
-    });
-    let begun = by_page(&browser, "calibration/start", camera);
-    assert!(begun["id"].is_number(), "{begun}");
-    let state = served.until("the camera's places are seen", PATIENCE, |s| s["calibration"]["over"] == true);
-    assert_eq!(state["calibration"]["ready"], true, "{}", state["calibration"]);
-    by_page(&browser, "calibration/accept", json!({}));
 
     browser.click("#step-objective");
-    set_fields(&browser, 12);
+    // What the other objective focuses on lies 3 µm off.
+    set_fields(&browser, 8);
     browser.click("#through-20x");
     browser.click("#begin");
     let state = click_through(&served, &browser);
@@ -265,6 +263,9 @@ fn objectives_are_calibrated_by_clicks_and_changed_on_the_page() {
         .run("const o = document.getElementById('objective'); o.value = '40x'; o.dispatchEvent(new Event('change'))");
     served.until("the turret is turned", PATIENCE, |s| s["calibrated"]["objective"] == "40x");
     assert_eq!(errors(&browser), Vec::<String>::new());
+    let kept = parfocal::rig::Rig::load(&path).unwrap();
+    assert_eq!(kept.contents().objective_in_use.as_deref(), Some("40x"));
+    assert_eq!(kept.contents().objectives["20x"].zooms.len(), 1);
 }
 
 #[test]

@@ -2,6 +2,8 @@
 
 mod browser;
 mod cameras;
+mod coarse;
 mod control;
+mod rig_file;
 mod safety;
 mod scripts;

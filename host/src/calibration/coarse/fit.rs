@@ -10,7 +10,7 @@ use super::edges::{Border, Edge, Grey, Tone, borders, measure};
 use super::levels::Levels;
 use super::marker::Cells;
 use super::weighted::{Row, Solved, solve};
-use nalgebra::{Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// A marker to be measured: its squares, borders and size.
 #[derive(Clone, Debug)]

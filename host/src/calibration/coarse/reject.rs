@@ -39,6 +39,16 @@ pub enum CoarseError {
         /// Columns and rows of the calibration.
         expected: [usize; 2],
     },
+    /// A picture shows nothing.
+    #[error(
+        "place {place}: the {side} picture is all one shade: take off the lens cap, and set exposure and light so that markers show"
+    )]
+    Blank {
+        /// Which place.
+        place: Place,
+        /// Which picture.
+        side: Side,
+    },
     /// Left and right are one picture.
     #[error(
         "place {0}: left and right are the same picture: a single (mono) picture gives no depth, take one with each camera"

@@ -40,12 +40,12 @@ macro_rules! kernels {
 }
 
 kernels! {
-    moments() -> (u128, u128), avx2::moments, portable::moments;
+    moments() -> (u128, u128), avx2::moments, avx2::word_rows::moments;
     extremes() -> (u32, u32), portable::extremes, portable::extremes;
     excess(floor: u32) -> u128, avx2::excess, portable::excess;
-    brenner() -> u128, avx2::brenner, portable::brenner;
-    vollath4() -> i128, avx2::vollath4, portable::vollath4;
-    vollath5() -> [u128; 3], avx2::vollath5, portable::vollath5;
+    brenner() -> u128, avx2::brenner, avx2::word_rows::brenner;
+    vollath4() -> i128, avx2::vollath4, avx2::word_rows::vollath4;
+    vollath5() -> [u128; 3], avx2::vollath5, avx2::word_rows::vollath5;
     tenengrad() -> u128, avx2::tenengrad, avx2::words::tenengrad;
     laplacian() -> u128, avx2::laplacian, avx2::words::laplacian;
     laplacian9() -> u128, avx2::laplacian9, avx2::words::laplacian9;

@@ -46,5 +46,10 @@ fn rows_of_many_batches_at_full_contrast_agree() {
     for width in [2_080, 2_448, 4_133] {
         let bytes: Vec<u8> = plane::<u8>(width, 19, 0, 1, 7).iter().map(|&b| b * 255).collect();
         kernels_agree(&Plane::new(&bytes, width, 19, width));
+        let words: Vec<u16> = plane::<u16>(width, 19, 0, 1, 7).iter().map(|&w| w * 65_535).collect();
+        kernels_agree(&Plane::new(&words, width, 19, width));
+    }
+    for value in [0u16, 32_767, 32_768, 65_535] {
+        kernels_agree(&Plane::new(&vec![value; 3 * 9_000], 9_000, 3, 9_000));
     }
 }

@@ -36,6 +36,9 @@ pub(super) struct Read {
 /// no less than some px.
 const CORNERS_OFF: (f64, f64) = (0.03, 2.5);
 
+/// Between the darkest and the brightest pixel of a picture that shows anything, of 255.
+const BLANK: f32 = 8.0;
+
 /// Finds and matches a pair's markers.
 pub(super) fn read(pair: &Pair, camera: &StereoCamera, settings: &Settings) -> Result<Read, CoarseError> {
     let place = pair.place;
@@ -43,6 +46,10 @@ pub(super) fn read(pair: &Pair, camera: &StereoCamera, settings: &Settings) -> R
         let (width, height, expected) = (picture.width, picture.height, camera.image_size);
         if [width, height] != expected {
             return Err(CoarseError::Size { place, side, width, height, expected });
+        }
+        let (low, high) = picture.values.iter().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        if high - low < BLANK {
+            return Err(CoarseError::Blank { place, side });
         }
     }
     if alike(&pair.left, &pair.right) {

@@ -37,6 +37,12 @@ fn one_picture_twice_is_no_pair() {
 }
 
 #[test]
+fn a_black_picture_is_named() {
+    let text = refusal(&Rig::new(13), |pairs| pairs[1].left.values.fill(3.0));
+    assert!(text.contains("place 2: the left picture is all one shade"), "{text}");
+}
+
+#[test]
 fn a_picture_of_another_size_is_named() {
     let rig = Rig::new(13);
     let text = refusal(&rig, |pairs| {

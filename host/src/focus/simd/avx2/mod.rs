@@ -8,6 +8,7 @@
 
 mod rows;
 mod stencils;
+pub mod word_rows;
 pub mod words;
 
 use super::plane::Plane;

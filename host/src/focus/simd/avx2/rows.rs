@@ -1,43 +1,45 @@
 //! Kernels that look along rows, for 8-bit pixels.
 
+use super::super::plane::Pixel;
 use super::*;
 
 /// Vectors after which 32-bit sums move on into 64-bit ones: a lane gains at most 4 · 1,020² from each.
 const BATCH: usize = 512;
 
-/// Adds up a row, with a look `ahead` bytes forward: `step` takes the pixels of one vector, and a mask for the last; `finish` takes the sums of a batch.
-/// `false` when the row is too short for vectors.
+/// Adds up a row, with a look `ahead` bytes forward: `step` takes the pixels of one vector, and a mask for the last;
+/// `finish` takes the sums of a batch. `false` when the row is too short for vectors.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn along<S: Copy, const N: usize>(
-    row: &[u8],
+pub(super) fn along<P: Pixel, S: Copy, const N: usize>(
+    row: &[P],
     ahead: usize,
     zero: S,
-    step: impl Fn(S, &[u8; N], Option<__m256i>) -> S,
+    step: impl Fn(S, &[P; N], Option<__m256i>) -> S,
     mut finish: impl FnMut(S),
 ) -> bool {
-    let Some(cut) = Cut::new(row.len(), LANES, N) else { return false };
-    let (mut x, end) = (0, cut.vectors * LANES);
+    let lanes = LANES / size_of::<P>();
+    let Some(cut) = Cut::new(row.len(), lanes, N) else { return false };
+    let (mut x, end) = (0, cut.vectors * lanes);
     while x < end {
-        let (stop, mut sums) = (end.min(x + BATCH * LANES), zero);
-        while x + 4 * LANES <= stop {
+        let (stop, mut sums) = (end.min(x + BATCH * lanes), zero);
+        while x + 4 * lanes <= stop {
             // Four vectors for one look at the bounds.
-            let four = &row[x..][..3 * LANES + N];
+            let four = &row[x..][..3 * lanes + N];
             prefetch(&four[0], ahead);
-            prefetch(&four[2 * LANES], ahead);
+            prefetch(&four[2 * lanes], ahead);
             for k in 0..4 {
-                sums = step(sums, window(four, k * LANES), None);
+                sums = step(sums, window(four, k * lanes), None);
             }
-            x += 4 * LANES;
+            x += 4 * lanes;
         }
         while x < stop {
             sums = step(sums, window(row, x), None);
-            x += LANES;
+            x += lanes;
         }
         finish(sums);
     }
     if let Some((at, skip)) = cut.last {
-        finish(step(zero, window(row, at), Some(mask(skip))));
+        finish(step(zero, window(row, at), Some(mask(skip * size_of::<P>()))));
     }
     true
 }

@@ -40,22 +40,25 @@ pub(super) fn sum<P: Pixel, A: Copy, S: Copy, M: Copy, const N: usize>(
     >,
 ) -> u128 {
     let (mut y, mut sum) = (0, 0u128);
+    // While a band is in work the next one is on its way from memory.
+    let below = ROWS * plane.stride() * size_of::<P>();
     while y + BAND <= plane.height() {
-        sum += u128::from(sum_of_band::<P, A, S, M, N, BAND>(plane.band(y), stencil));
+        sum += u128::from(sum_of_band::<P, A, S, M, N, BAND>(plane.band(y), below, stencil));
         y += ROWS;
     }
     while y + 3 <= plane.height() {
-        sum += u128::from(sum_of_band::<P, A, S, M, N, 3>(plane.band(y), stencil));
+        sum += u128::from(sum_of_band::<P, A, S, M, N, 3>(plane.band(y), 0, stencil));
         y += 1;
     }
     sum
 }
 
-/// The stencil's sum over the inner rows of a band.
+/// The stencil's sum over the inner rows of a band; what lies `below` bytes further on is fetched ahead.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn sum_of_band<P: Pixel, A: Copy, S: Copy, M: Copy, const N: usize, const BAND: usize>(
     rows: [&[P]; BAND],
+    below: usize,
     stencil: &Stencil<
         impl Fn(&[P; N]) -> A,
         impl Fn(S, [A; 3], Option<M>) -> S,
@@ -72,6 +75,7 @@ fn sum_of_band<P: Pixel, A: Copy, S: Copy, M: Copy, const N: usize, const BAND: 
         let mut above = (stencil.across)(window(rows[0], x));
         let mut here = (stencil.across)(window(rows[1], x));
         for row in &rows[2..] {
+            prefetch(&row[x], below);
             let below = (stencil.across)(window(row, x));
             sums = (stencil.down)(sums, [above, here, below], mask);
             (above, here) = (here, below);
