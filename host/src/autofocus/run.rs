@@ -69,6 +69,9 @@ const EXCHANGE_MS: u64 = 100;
 /// How long to wait for an event before asking the board where the scan stands: events may be lost.
 const ASK_MS: u64 = 250;
 
+/// The same for a scan that sweeps: that a leg has begun is no event, and its frames are wanted at once.
+const ASK_SWEEPING_MS: u64 = 10;
+
 /// Compares clocks with the board.
 ///
 /// # Errors
@@ -131,7 +134,7 @@ pub fn run(
                 run.answer(&wanted)?
             }
             ScanState::Sweeping(scan) if scan == parameters.scan => run.stream()?,
-            other => run.wait(other)?,
+            _ => run.wait()?,
         }
     }
 }
@@ -246,15 +249,19 @@ impl Run<'_> {
         }
     }
 
-    /// Waits for what the board says next.
-    fn wait(&mut self, state: ScanState) -> Result<ScanState, ScanError> {
+    /// Waits for what the board says next, and asks when that is nothing about this scan: positions told of a motion are not.
+    fn wait(&mut self) -> Result<ScanState, ScanError> {
         let mine = self.parameters.scan;
-        Ok(match self.link.event(later(self.link.now(), ASK_MS))? {
-            Some(Event::SampleWanted(wanted)) if wanted.scan == mine => ScanState::Waiting(wanted),
-            Some(Event::ScanEnded(report)) if report.scan == mine => ScanState::Ended(report),
-            Some(_) => state,
-            None => self.ask()?,
-        })
+        let patience = if self.parameters.mode == Mode::Sweep { ASK_SWEEPING_MS } else { ASK_MS };
+        let deadline = later(self.link.now(), patience);
+        loop {
+            match self.link.event(deadline)? {
+                Some(Event::SampleWanted(wanted)) if wanted.scan == mine => return Ok(ScanState::Waiting(wanted)),
+                Some(Event::ScanEnded(report)) if report.scan == mine => return Ok(ScanState::Ended(report)),
+                Some(_) => {}
+                None => return self.ask(),
+            }
+        }
     }
 
     /// Where the scan stands, by the board.
