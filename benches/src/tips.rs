@@ -4,6 +4,7 @@ mod burst;
 mod figures;
 mod pictures;
 mod speed;
+mod stack;
 
 use anyhow::{Context, bail};
 use clap::Args;
@@ -51,6 +52,12 @@ pub struct Arguments {
     /// Draw the worst scenes of each kind into this folder
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
+    /// Only compare the renderer with the real focal stack in this folder, and draw both into `--drawn`
+    #[arg(long, value_name = "DIR", requires = "drawn")]
+    stack: Option<PathBuf>,
+    /// The picture of that comparison
+    #[arg(long, value_name = "FILE", requires = "stack")]
+    drawn: Option<PathBuf>,
     /// How many of each kind
     #[arg(long, default_value_t = 12)]
     worst: usize,
@@ -61,6 +68,9 @@ pub struct Arguments {
 /// # Errors
 /// Ranges that cannot be read, results that cannot be written.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let (Some(stack), Some(drawn)) = (&arguments.stack, &arguments.drawn) {
+        return stack::compare(stack, drawn);
+    }
     let (ranges, clutter) = (ranges(&arguments.scenes)?, ranges(&arguments.clutter)?);
     let mut jobs: Vec<(Show, &'static str, u64)> = Vec::new();
     for (show, name, count) in [

@@ -2,6 +2,7 @@
 
 use super::exact::{added, divided};
 use super::noise::{Noise, Trend};
+pub use super::places::{Cell, Level, Place, Side};
 use super::tops::{self, Tops};
 use super::work::Slice;
 use core::task::Poll;
@@ -19,33 +20,6 @@ const END: i32 = 8;
 /// Frames within this part of a place of each other show the same.
 const SAME: f64 = 0.05;
 
-/// A place on the scan's grid: the start plus this many half sample steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place(pub i32);
-
-/// All frames of one place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
-    /// Where the frames lie on average, in places: a sweep does not stop on the grid.
-    pub x: f64,
-    /// The place.
-    pub place: Place,
-    /// What `x` is off it.
-    pub off: f32,
-    /// Frames taken there.
-    pub frames: u16,
-    /// Mean of their values.
-    pub mean: f64,
-}
-
-impl Cell {
-    /// How far it lies past another one, in places; between places themselves that costs no software floats.
-    pub fn past(&self, other: Cell) -> f64 {
-        let whole = self.off == 0.0 && other.off == 0.0;
-        if whole { f64::from(self.place.0 - other.place.0) } else { added(self.x, -other.x) }
-    }
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     mean: f64,
@@ -58,42 +32,6 @@ struct Slot {
 struct Bin {
     mean: f32,
     frames: u16,
-}
-
-/// The mean level over some frames.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Level {
-    /// Their mean.
-    pub mean: f64,
-    /// How many.
-    pub frames: u32,
-}
-
-/// A side of the range, or a direction of travel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
-    /// Towards smaller z.
-    Low,
-    /// Towards larger z.
-    High,
-}
-
-impl Side {
-    /// −1 or 1.
-    pub fn sign(self) -> i32 {
-        match self {
-            Side::Low => -1,
-            Side::High => 1,
-        }
-    }
-
-    /// The opposite side.
-    pub fn other(self) -> Self {
-        match self {
-            Side::Low => Side::High,
-            Side::High => Side::Low,
-        }
-    }
 }
 
 /// The focus curve on a grid through the start.

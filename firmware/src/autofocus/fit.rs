@@ -221,12 +221,12 @@ impl Fitting {
 
     fn sum(&mut self, point: Point, frames: u16) {
         let (weight, f) = (f32::from(frames), point.terms());
-        for i in 0..self.terms {
+        for (i, row) in self.normal.iter_mut().enumerate().take(self.terms) {
             let w = weight * f[i];
-            for j in i..self.terms {
-                self.normal[i][j] += w * f[j];
+            for (sum, term) in row[i..self.terms].iter_mut().zip(&f[i..self.terms]) {
+                *sum += w * term;
             }
-            self.normal[i][TERMS] += w * point.y;
+            row[TERMS] += w * point.y;
         }
     }
 

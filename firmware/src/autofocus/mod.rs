@@ -47,6 +47,7 @@ mod mixed;
 mod noise;
 mod parameters;
 pub mod peak;
+mod places;
 mod refine;
 mod rivals;
 mod scan;

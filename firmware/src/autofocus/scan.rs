@@ -84,7 +84,6 @@ enum Stage {
 
 /// What is worked out.
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "a board has no heap, and one of them at a time")]
 enum Task {
     Search(Named),
     Judge(Judging),

@@ -115,18 +115,11 @@ fn between(a: &Seen, b: &Seen) -> Seen {
     both
 }
 
-/// Looks for tips at this height, then above and below it, as far as `reach_um`. The focus stays where some were seen.
-///
-/// # Errors
-/// [`AutoError::NoTip`].
-pub fn search(live: &mut LiveRig<'_>, eyes: &mut dyn Eyes, reach_um: f64) -> Result<Vec<Seen>, AutoError> {
-    search_until(live, eyes, reach_um, &mut |_, _, tips| Ok(Some(tips)))
-}
-
 /// What is done with the tips seen at one height; `None`: look on.
 pub type Take<'t, T> = dyn FnMut(&mut LiveRig<'_>, &mut dyn Eyes, Vec<Seen>) -> Result<Option<T>, AutoError> + 't;
 
-/// As [`search`], until `take` is content with the tips of a height.
+/// Looks for tips at this height, then above and below it, as far as `reach_um`, until `take` is content with the tips of a
+/// height. The focus stays there.
 ///
 /// # Errors
 /// [`AutoError::NoTip`], or what `take` says.

@@ -38,6 +38,18 @@ fn what_only_looks_like_a_tip_is_passed_over() {
 }
 
 #[test]
+fn a_tip_is_looked_for_beyond_those_that_are_nearer_to_focus() {
+    let mut model = faulty(14);
+    // The microscope begins at 40 µm, where the second pipette's tip is; the first one's is 40 µm below.
+    model.manipulators[1].origin_um[2] = 40.0;
+    let world = World::new(model);
+    let mut rig = rig_file();
+    let ran = run(&world, &mut rig, 14, &Wrongs::default(), &Plan::new(both(), 14));
+    let done = ran.result.unwrap_or_else(|error| panic!("{error}; said {:?}", ran.said));
+    assert!(done.missing.is_empty(), "{:?}; said {:?}", done.missing, ran.said);
+}
+
+#[test]
 fn two_tips_on_one_manipulator_are_named_and_the_other_manipulator_is_calibrated() {
     let world = World::new(faulty(9));
     let mut rig = rig_file();

@@ -2,4 +2,5 @@
 
 mod goto;
 mod refusals;
+#[allow(dead_code, reason = "the tests of unattended runs use the rest")]
 mod world;
