@@ -111,6 +111,6 @@ fn four_displaced_points_are_rejected_and_the_fit_is_that_of_the_rest() {
         assert!(far.fixed_view::<3, 3>(0, 0).max() < 1e-9 && far.max() < 1e-4, "seed {seed}: {far}");
     }
     println!("{exact} of {draws} exact, {told} told to be ambiguous");
-    // 989 of 1,000 when this was written.
-    assert!(exact >= 290, "{exact} of {draws} exact, {told} told to be ambiguous");
+    // 2,998 of 3,000 when this was written, the others told. A wrong map breaks glass: there is none.
+    assert!(exact >= 298 && exact + told == draws, "{exact} of {draws} exact, {told} told to be ambiguous");
 }

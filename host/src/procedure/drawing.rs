@@ -140,8 +140,10 @@ fn panel(
                 true => style.pos(Pos::new(HPos::Right, VPos::Top)),
                 false => style.pos(Pos::new(HPos::Left, VPos::Top)),
             };
+            // Above and below in turn: ends may lie beside each other.
+            let height = if i % 2 == 0 { -18 } else { 6 };
             let aside = if end.0 > cx { -8 } else { 8 };
-            chart.draw_series([EmptyElement::at(end) + Text::new(path.name.clone(), (aside, -18), style)])?;
+            chart.draw_series([EmptyElement::at(end) + Text::new(path.name.clone(), (aside, height), style)])?;
         }
     }
     Ok(())
