@@ -173,6 +173,7 @@ fn range(picture: &Picture, levels: Levels) -> (u16, u16) {
 }
 
 /// From grey values to what is shown of them.
+#[expect(clippy::large_enum_variant, reason = "one of them a frame, on the stack")]
 enum Stretch {
     /// By a table, for 8 bits.
     Table([u8; 256]),

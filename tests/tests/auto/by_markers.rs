@@ -2,8 +2,9 @@
 //! calibration, and nobody helps.
 
 use crate::eyes::{TruthEyes, Wrongs};
+use crate::rendered::Rendered;
 use crate::unattended::farthest_off;
-use crate::world::{Rendered, TruthFocuser, World, rig_file};
+use crate::world::{TruthFocuser, World, rig_file};
 use nalgebra::{Matrix3, Point3, Vector3};
 use parfocal::autonomous::{Plan, Work, calibrate};
 use parfocal::calibration::coarse::edges::Grey;

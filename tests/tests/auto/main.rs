@@ -4,6 +4,7 @@ mod by_markers;
 mod eyes;
 mod faults;
 mod recalibrated;
+mod rendered;
 mod seen;
 mod unattended;
 #[path = "../live/world.rs"]

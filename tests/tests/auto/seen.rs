@@ -1,8 +1,9 @@
 //! With the eyes it has in earnest: rendered frames, the tip detector, and the boards' own scans for focus.
 
 use crate::eyes::{both, faulty};
+use crate::rendered::Rendered;
 use crate::unattended::farthest_off;
-use crate::world::{Rendered, World, rig_file};
+use crate::world::{World, rig_file};
 use parfocal::autonomous::{DetectorEyes, Plan, Work, calibrate};
 use parfocal::focus::Measure;
 use parfocal::procedure::{Progress, ScanFocuser};

@@ -252,7 +252,7 @@ fn objectives_are_calibrated_by_clicks_and_changed_on_the_page() {
         all.iter().find(|o| o["name"] == "20x").unwrap().clone()
     };
     let state = served.until("the objective is calibrated", PATIENCE, |s| !known(s)["alpha"].is_null());
-    let truth = RigModel::new(0).objectives[1].clone();
+    let truth = RigModel::new(0).objectives[1];
     let found = known(&state);
     assert!((found["alpha"].as_f64().unwrap() / truth.alpha - 1.0).abs() < 0.005, "{found}");
     let off = (0..3).map(|i| (found["kappa_um"][i].as_f64().unwrap() - truth.kappa_um[i]).abs()).fold(0.0, f64::max);
