@@ -82,7 +82,7 @@ fn register(model: RigModel, rig: &Rig, tune: impl FnOnce(&mut TruthFinder, &mut
 
 #[test]
 fn a_tip_lost_from_view_ends_the_procedure_with_what_was_recorded_and_everything_back() {
-    let ran = register(RigModel::new(1), &with_camera(), |finder, _| finder.blind_after = 14, 12);
+    let ran = register(RigModel::new(1), &with_camera(), |finder, _| finder.blind_after = 24, 12);
     let error = ran.result.unwrap_err().to_string();
     assert!(error.contains("the tip of m1 is not seen"), "{error}");
     assert!(ran.samples >= 5 && ran.back, "{} samples, back: {}", ran.samples, ran.back);

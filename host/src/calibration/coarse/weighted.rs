@@ -31,7 +31,8 @@ pub(super) struct Solved<const N: usize> {
     pub squares: f64,
 }
 
-/// Solves with weights that follow the residuals, so many times. `prior` is added to the normal equations' diagonal; residuals below
+/// Solves with weights that follow the residuals, so many times: first all alike, then Huber's, which find their way past a third of wrong
+/// rows, at last Tukey's, which leave them out. `prior` is added to the normal equations' diagonal; residuals below
 /// `least` of their standard deviations count in full.
 pub(super) fn solve<const N: usize>(rows: &[Row<N>], prior: [f64; N], rounds: usize, least: f64) -> Option<Solved<N>> {
     let mut solved = Solved {
@@ -43,13 +44,14 @@ pub(super) fn solve<const N: usize>(rows: &[Row<N>], prior: [f64; N], rounds: us
         squares: 0.0,
     };
     let mut scale = f64::INFINITY;
-    for _ in 0..rounds {
+    for round in 0..rounds {
         let mut products = [[0.0; N]; N];
         let mut gradient = [0.0; N];
         (solved.kept, solved.weights, solved.weighted_squares, solved.squares) = ([0.0; 2], 0.0, 0.0, 0.0);
         for row in rows {
             let miss = row.miss(&solved.by);
-            let robust = tukey(miss * row.weight.sqrt() / scale);
+            let deviations = miss.abs() * row.weight.sqrt();
+            let robust = if round > 0 && round <= rounds / 3 { huber(deviations / least) } else { tukey(deviations / scale) };
             let weight = row.weight * robust;
             for (i, a) in row.slopes.iter().enumerate() {
                 for (sum, b) in products[i].iter_mut().zip(&row.slopes) {
@@ -69,6 +71,11 @@ pub(super) fn solve<const N: usize>(rows: &[Row<N>], prior: [f64; N], rounds: us
         scale = (1.4826 * far.get(far.len() / 2)?).max(least);
     }
     Some(solved)
+}
+
+/// Huber's weight at one standard deviation.
+fn huber(r: f64) -> f64 {
+    1.0 / r.max(1.0)
 }
 
 /// Tukey's biweight at 4.685 standard deviations.
