@@ -51,7 +51,8 @@ pub(super) fn solve<const N: usize>(rows: &[Row<N>], prior: [f64; N], rounds: us
         for row in rows {
             let miss = row.miss(&solved.by);
             let deviations = miss.abs() * row.weight.sqrt();
-            let robust = if round > 0 && round <= rounds / 3 { huber(deviations / least) } else { tukey(deviations / scale) };
+            let robust =
+                if round > 0 && round <= rounds / 3 { huber(deviations / least) } else { tukey(deviations / scale) };
             let weight = row.weight * robust;
             for (i, a) in row.slopes.iter().enumerate() {
                 for (sum, b) in products[i].iter_mut().zip(&row.slopes) {
