@@ -97,10 +97,11 @@ impl Served {
         self.key = answer.json()["key"].as_str().expect("a key").to_owned();
     }
 
-    /// An axis' position, µm.
+    /// An axis' position, µm; waits until its board was heard.
     pub fn position(&self, axis: &str) -> Option<f64> {
-        let state = self.state();
-        state["axes"].as_array()?.iter().find(|a| a["name"] == axis)?["position_um"].as_f64()
+        let place =
+            |state: &Value| state["axes"].as_array()?.iter().find(|a| a["name"] == axis)?["position_um"].as_f64();
+        place(&self.until("the board is heard", 30, |state| place(state).is_some()))
     }
 
     /// Waits until the state is as wanted, for at most `seconds`.

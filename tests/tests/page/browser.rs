@@ -20,6 +20,9 @@ fn page(arguments: &[&str]) -> Option<(Served, Browser)> {
     browser.open(&format!("http://{}/", served.address));
     browser.until(YOURS, PATIENCE);
     browser.until("return Number(document.documentElement.dataset.frame) > 2", PATIENCE);
+    // The picture may be there before the boards are.
+    let known = |s: &Value| s["axes"].as_array().unwrap().iter().all(|axis| axis["position_um"].is_number());
+    served.until("all boards were heard", PATIENCE, |s| known(s) && s["activity"]["doing"] == "idle");
     Some((served, browser))
 }
 
@@ -87,7 +90,8 @@ fn autofocus_finds_the_tip_and_its_curve_is_on_the_screen() {
         "{region}"
     );
     // Near focus, as a person would begin.
-    assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 12.0 }, "wait": true }))["ok"], true);
+    let moved = by_page(&browser, "move", json!({ "to_um": { "scope.z": 12.0 }, "wait": true }));
+    assert_eq!(moved["ok"], true, "{moved}");
     browser.run("document.getElementById('range').value = '25'");
     browser.click("#autofocus");
     served.until("it scans", PATIENCE, |s| s["focus"]["samples"].as_u64() > Some(15));
@@ -173,7 +177,8 @@ fn set_fields(browser: &Browser, within: u32) {
 fn camera_and_manipulator_are_calibrated_by_clicks() {
     let Some((served, browser)) = page(&FAST) else { return };
     // Near focus, as a person would begin.
-    assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }))["ok"], true);
+    let moved = by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }));
+    assert_eq!(moved["ok"], true, "{moved}");
     // Objectives wait for the camera.
     browser.click("#step-objective");
     assert_eq!(browser.run("return document.getElementById('begin').disabled"), true);
@@ -235,7 +240,8 @@ fn objectives_are_calibrated_by_clicks_and_changed_on_the_page() {
     calibrated(&["40x"]).save(&path).unwrap();
     let arguments = [&FAST[..], &["--rig", path.to_str().unwrap()]].concat();
     let Some((served, browser)) = page(&arguments) else { return };
-    assert_eq!(by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }))["ok"], true);
+    let moved = by_page(&browser, "move", json!({ "to_um": { "scope.z": 1.0 }, "wait": true }));
+    assert_eq!(moved["ok"], true, "{moved}");
 
     browser.click("#step-objective");
     // What the other objective focuses on lies 3 µm off, and its peak is wide.
