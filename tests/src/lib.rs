@@ -3,6 +3,7 @@
 pub mod http;
 pub mod page;
 pub mod rig;
+pub mod rig_file;
 pub mod webdriver;
 
 use std::path::PathBuf;

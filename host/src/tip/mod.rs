@@ -12,6 +12,7 @@ mod hypothesis;
 mod light;
 mod model;
 pub mod motion;
+mod optics;
 mod patch;
 mod pyramid;
 mod search;

@@ -4,6 +4,8 @@
 //! light makes of it, dark or bright, and are solved for in each place (variable projection: Golub and Pereyra 1973). How
 //! glass and the light bent at its walls blur and turn with depth is what a real focal stack shows (`docs/tips.md`).
 
+use super::optics;
+
 /// Place and shape of a pipette's end. Lengths are px of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
@@ -31,26 +33,6 @@ pub const GLASS: usize = 3;
 /// What the seam is of the glass with a real objective's bent light at half strength, and how far it may be from that.
 pub const SEAM: f64 = 2.5;
 pub const SEAM_DEVIATION: f64 = 1.5;
-
-/// Optics of a 40x/0.8 W objective at 0.32 µm/px, from a real focal stack; lengths in px, heights as the blur radius that they
-/// make. Another pixel size multiplies all of them.
-mod optics {
-    /// Blur radius of glass in focus, and of bent light.
-    pub const BODY: f64 = 2.16;
-    pub const EDGE: f64 = 3.55;
-    /// Blur radius of glass that a unit of height adds: the tangent of the objective's half angle.
-    pub const BODY_SLOPE: f64 = 0.753;
-    /// Blur of bent light over that of glass, far from focus.
-    pub const EDGE_SLOPE: f32 = 0.133;
-    /// Height at which walls bend no light, and from there to where they bend most.
-    pub const NULL: f32 = 3.44;
-    pub const DEPTH: f32 = 5.64;
-    /// Width of the seam over the blur of its edge.
-    pub const SPREAD: f32 = 1.327;
-    /// Radius of the lumen over that of the glass, and how much of the glass's darkness it lacks.
-    pub const LUMEN: f32 = 0.508;
-    pub const BRIGHTNESS: f32 = 0.524;
-}
 
 impl Cone {
     pub fn to_array(self) -> [f64; PLACES] {

@@ -21,6 +21,7 @@ use parfocal_protocol::units::{Axis, Micrometres};
 use parfocal_simulator::model::{ManipulatorModel, ObjectiveModel, RigModel};
 use parfocal_simulator::rig;
 use parfocal_simulator::stereo::{self, Finish, Pose, Print, Scene, bench};
+use parfocal_tests::rig_file::record;
 use std::collections::BTreeMap;
 
 const DATE: &str = "2026-11-25T00:00:00Z";
@@ -114,16 +115,7 @@ fn learn(model: &RigModel, seed: u64) -> Learned {
 fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
     let rig = world.lock();
     let mut file = rig_file();
-    let record = Record {
-        date: DATE.into(),
-        seed: 1,
-        samples: "memory".into(),
-        tolerance_um: 1.0,
-        rms_um: 0.1,
-        residuals_um: Vec::new(),
-        rejected: Vec::new(),
-        certainty: None,
-    };
+    let record = Record { date: DATE.into(), ..record() };
     let matrix_um_per_px = rig.model().camera.matrix_um_per_px;
     file.set_camera_calibration(CameraCalibration { matrix_um_per_px, objective: None, record }).unwrap();
     for objective in &rig.model().objectives {

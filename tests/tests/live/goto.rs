@@ -9,10 +9,11 @@ use parfocal::procedure::{
     CameraPlan, Guard, LiveRig, ObjectivePlan, Parts, Purpose, Recorder, RegistrationPlan, Sample, Subject, camera,
     microscope_to_pixel, objectives, registration, tip_to_pixel,
 };
-use parfocal::rig::{CameraCalibration, Record, Registration, Rig, Zoom};
+use parfocal::rig::{CameraCalibration, Registration, Rig, Zoom};
 use parfocal::stage::Stage;
 use parfocal_protocol::units::Micrometres;
 use parfocal_simulator::model::RigModel;
+use parfocal_tests::rig_file::record;
 
 fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
@@ -20,19 +21,6 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 const OPTIONS: Options = Options { tolerance_um: None, seed: 1, estimator: Estimator::Robust };
 const SENSOR: Sensor = Sensor { width_px: 640, height_px: 480 };
-
-fn record() -> Record {
-    Record {
-        date: "2026-11-25T00:00:00Z".into(),
-        seed: 1,
-        samples: "memory".into(),
-        tolerance_um: 1.0,
-        rms_um: 0.1,
-        residuals_um: Vec::new(),
-        rejected: Vec::new(),
-        certainty: None,
-    }
-}
 
 /// Camera, registration, objective, live and solved, put in force in `rig`.
 fn calibrate(world: &World, stage: &mut Stage, rig: &mut Rig, seed: u64, astray: u32, refuses: u32) {

@@ -6,22 +6,10 @@ use parfocal::procedure::{
     CameraPlan, Guard, LiveRig, Parts, ProcedureError, Purpose, Recorder, RegistrationPlan, Subject, camera, coaxial,
     registration, tip_to_pixel,
 };
-use parfocal::rig::{CameraCalibration, ManipulatorNumber, Obstacle, Record, Registration, Rig};
+use parfocal::rig::{CameraCalibration, ManipulatorNumber, Obstacle, Registration, Rig};
 use parfocal_protocol::units::{Axis, Micrometres};
 use parfocal_simulator::model::RigModel;
-
-fn record() -> Record {
-    Record {
-        date: "2026-11-25T00:00:00Z".into(),
-        seed: 1,
-        samples: "none".into(),
-        tolerance_um: 1.0,
-        rms_um: 0.1,
-        residuals_um: Vec::new(),
-        rejected: Vec::new(),
-        certainty: None,
-    }
-}
+use parfocal_tests::rig_file::record;
 
 /// The simulated rig's file with its true camera.
 fn with_camera() -> Rig {

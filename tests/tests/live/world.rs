@@ -14,6 +14,7 @@ use parfocal_protocol::message::{Role, Session};
 use parfocal_protocol::units::{Axis, HostTime, Micrometres};
 use parfocal_simulator::model::RigModel;
 use parfocal_simulator::rig;
+use parfocal_tests::rig_file::boards_and_axes;
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -265,14 +266,6 @@ pub fn rig_file() -> Rig {
     let mut text = String::from("schema = 1\nobjective_in_use = \"40x\"\n");
     text += "[objectives.40x]\ndefault = true\n[objectives.20x]\ndepth_of_field_um = 2.6\n";
     text += "[camera]\nwidth_px = 640\nheight_px = 480\n";
-    for (i, device) in ["scope", "m1", "m2"].into_iter().enumerate() {
-        text += &format!("[boards.{device}]\nunique_id = \"50462d73696d2d626f61723{}\"\n", i + 1);
-        for (index, coordinate) in ["x", "y", "z"].into_iter().enumerate() {
-            text += &format!("[axes.{device}.{coordinate}]\nboard = \"{device}\"\nindex = {index}\n");
-            if device == "scope" {
-                text += "moves = \"objective\"\n";
-            }
-        }
-    }
+    text += &boards_and_axes();
     Rig::parse(&text).unwrap()
 }

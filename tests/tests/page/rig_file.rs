@@ -2,6 +2,7 @@
 
 use parfocal::rig::{CameraCalibration, CoarseRegistration, ManipulatorNumber, Pipette, Record, Rig, Zoom};
 use parfocal_simulator::model::{ObjectiveModel, RigModel};
+use parfocal_tests::rig_file::{boards_and_axes, record};
 
 /// When all this was measured.
 pub const DATE: &str = "2026-11-26T00:00:00Z";
@@ -18,26 +19,9 @@ pub fn calibrated(objectives: &[&str]) -> Rig {
     let mut text = String::from("schema = 1\nobjective_in_use = \"40x\"\n[objectives.40x]\ndefault = true\n");
     text += "[camera]\nwidth_px = 640\nheight_px = 480\n";
     text += "[markers]\ntag_mm = 8.0\nsubstrate = 0\nobjective = 3\n[markers.manipulators]\nm1 = 1\n";
-    for (i, device) in ["scope", "m1", "m2"].into_iter().enumerate() {
-        text += &format!("[boards.{device}]\nunique_id = \"50462d73696d2d626f61723{}\"\n", i + 1);
-        for (index, coordinate) in ["x", "y", "z"].into_iter().enumerate() {
-            text += &format!("[axes.{device}.{coordinate}]\nboard = \"{device}\"\nindex = {index}\n");
-            if device == "scope" {
-                text += "moves = \"objective\"\n";
-            }
-        }
-    }
+    text += &boards_and_axes();
     let mut rig = Rig::parse(&text).unwrap();
-    let record = Record {
-        date: DATE.into(),
-        seed: 1,
-        samples: "memory".into(),
-        tolerance_um: 1.0,
-        rms_um: 0.1,
-        residuals_um: Vec::new(),
-        rejected: Vec::new(),
-        certainty: None,
-    };
+    let record = Record { date: DATE.into(), ..record() };
     let matrix_um_per_px = model.camera.matrix_um_per_px;
     rig.set_camera_calibration(CameraCalibration { matrix_um_per_px, objective: None, record }).unwrap();
     for o in &model.objectives {

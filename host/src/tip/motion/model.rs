@@ -7,6 +7,7 @@
 
 use super::kernel::Kernel;
 use crate::tip::model::{Cone, PLACES};
+use crate::tip::optics;
 
 /// A pipette and its swing.
 #[derive(Clone, Copy, Debug)]
@@ -40,25 +41,6 @@ impl Swinging {
 
 /// Sines of the phases that stand for a period.
 const SINES: [f32; 4] = [-0.923_879_5, -0.382_683_43, 0.382_683_43, 0.923_879_5];
-
-/// The optics of the still detector's model (`docs/tips.md`), px at its pixel size.
-mod optics {
-    /// Blur radius of glass in focus, and of bent light.
-    pub const BODY: f64 = 2.16;
-    pub const EDGE: f64 = 3.55;
-    /// Blur radius of glass that a unit of height adds: the tangent of the objective's half angle.
-    pub const BODY_SLOPE: f64 = 0.753;
-    /// Blur of bent light over that of glass, far from focus, squared.
-    pub const EDGE_SLOPE2: f32 = 0.133 * 0.133;
-    /// Height at which walls bend no light, and from there to where they bend most.
-    pub const NULL: f32 = 3.44;
-    pub const DEPTH: f32 = 5.64;
-    /// Width of the seam over the blur of its edge.
-    pub const SPREAD: f32 = 1.327;
-    /// Radius of the lumen over that of the glass, and how much of the glass's darkness it lacks.
-    pub const LUMEN: f32 = 0.508;
-    pub const BRIGHTNESS: f32 = 0.524;
-}
 
 /// Reach of an edge's light in focus, px at the still detector's size.
 const SHARP_PX: f64 = 10.0;
@@ -161,9 +143,9 @@ impl Picture {
         let squared = defocus * defocus + self.body2;
         let body = 2.0 / squared.sqrt();
         let body_slope = -body * defocus / squared;
-        let squared = defocus * defocus * optics::EDGE_SLOPE2 + self.edge2;
+        let squared = defocus * defocus * (optics::EDGE_SLOPE * optics::EDGE_SLOPE) + self.edge2;
         let edge = 2.0 / squared.sqrt();
-        let edge_slope = -edge * optics::EDGE_SLOPE2 * defocus / squared;
+        let edge_slope = -edge * (optics::EDGE_SLOPE * optics::EDGE_SLOPE) * defocus / squared;
         let wide = edge / optics::SPREAD;
         // Either side of the glass and of the lumen, and the end.
         let (hole, share) = (optics::LUMEN * half, self.lumen - optics::BRIGHTNESS);
