@@ -20,7 +20,13 @@ fn main() {
 /// Short hash of the checked-out commit, with a `+` when files differ from it; 'unknown' without git.
 fn revision() -> String {
     let git = |args: &[&str]| {
-        let out = Command::new("git").args(args).current_dir(env!("CARGO_MANIFEST_DIR")).output().ok()?;
+        // Asking writes nothing: a refreshed index would look like a change to the next build.
+        let out = Command::new("git")
+            .arg("--no-optional-locks")
+            .args(args)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .output()
+            .ok()?;
         out.status.success().then(|| String::from_utf8_lossy(&out.stdout).trim().to_string())
     };
     for file in ["HEAD", "index"] {

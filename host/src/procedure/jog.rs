@@ -18,6 +18,14 @@ pub enum Jogged {
     Beyond(FramePixel),
 }
 
+impl Jogged {
+    /// The last place of the pipette that the picture shows.
+    pub fn at(self) -> FramePixel {
+        let (Self::Tip(at) | Self::Beyond(at)) = self;
+        at
+    }
+}
+
 /// Half of the smoothing window's side, px.
 const HALF: usize = 4;
 /// A smoothed difference counts from this many of its standard deviations on.

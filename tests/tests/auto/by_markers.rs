@@ -1,12 +1,12 @@
 //! From stereo pictures of printed markers to both tips in the picture of a 40x objective, and on to both manipulators' fine
 //! calibration, and nobody helps.
 
-use crate::eyes::{TruthEyes, Wrongs};
+use crate::eyes::{Wrongs, run};
 use crate::rendered::Rendered;
 use crate::unattended::farthest_off;
-use crate::world::{TruthFocuser, World, rig_file};
+use crate::world::{Noise, World, rig_file};
 use nalgebra::{Matrix3, Point3, Vector3};
-use parfocal::autonomous::{Plan, Work, calibrate};
+use parfocal::autonomous::Plan;
 use parfocal::calibration::coarse::edges::Grey;
 use parfocal::calibration::coarse::learn::fine::{self, Fine, Objective};
 use parfocal::calibration::coarse::learn::{Learned, Now, moves, place};
@@ -111,9 +111,8 @@ fn learn(model: &RigModel, seed: u64) -> Learned {
     fine::learn(&all, objective.as_ref()).unwrap()
 }
 
-/// The rig's file: camera and objectives calibrated on the first day, markers photographed today.
-fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
-    let rig = world.lock();
+/// The rig's file with camera and objectives calibrated.
+fn calibrated_microscope(rig: &rig::Rig) -> Rig {
     let mut file = rig_file();
     let record = Record { date: DATE.into(), ..record() };
     let matrix_um_per_px = rig.model().camera.matrix_um_per_px;
@@ -124,6 +123,13 @@ fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
         let entry = file.contents_mut().objectives.get_mut(objective.name).unwrap();
         entry.depth_of_field_um = Some(objective.depth_of_field_um);
     }
+    file
+}
+
+/// The rig's file: camera and objectives calibrated on the first day, markers photographed today.
+fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
+    let rig = world.lock();
+    let mut file = calibrated_microscope(&rig);
     let joints_um = MARKERS.into_iter().enumerate().map(|(n, id)| (id, position(&rig, n + 1))).collect();
     let now = Now { microscope_um: position(&rig, 0), joints_um };
     let placed = place(&photograph(&rig, seed), learned, &now).unwrap();
@@ -174,33 +180,22 @@ fn bring(world: &World, file: &Rig, manipulator: ManipulatorNumber) {
     };
     let (aside, above) = ((tip[0] - shown[0]).hypot(tip[1] - shown[1]), tip[2] - focus);
     println!("{manipulator}: seen {aside:.2} µm aside, {above:.2} µm above focus; {:?}", found.correction);
-    // The detector sees tips to a pixel or two, a scan focuses to a depth of field; of both three.
-    assert!(aside < 1.0 && above.abs() < 3.0, "{manipulator}: {aside} µm aside, {above} µm above focus");
+    // The detector sees tips to a pixel or two, and six are hardly ever exceeded; a scan takes either lobe of the focus curve.
+    assert!(
+        aside < 2.0 && above.abs() < 3.0 * found.error_um,
+        "{manipulator}: {aside} µm aside, {above} µm above focus"
+    );
     stage.close();
 }
 
 /// The fine calibration of one manipulator, seen by stand-ins for the detector and the scan, which have tests of their own.
 fn calibrate_finely(world: &World, file: &mut Rig, manipulator: ManipulatorNumber) {
-    let (mut stage, mut camera) = (world.stage(), world.camera());
-    let mut focuser = TruthFocuser::new(world, 9);
-    let mut eyes = TruthEyes::new(world, 9, &Wrongs::default());
-    let mut progress = |_| {};
-    let mut work = Work {
-        stage: &mut stage,
-        camera: &mut camera,
-        focuser: &mut focuser,
-        eyes: &mut eyes,
-        keep_on: &|| true,
-        progress: &mut progress,
-    };
-    let plan = Plan::new(vec![manipulator], 4);
-    let done = calibrate(&mut work, file, &plan, &|| DATE.into(), &mut |_| Ok(())).unwrap();
+    let ran = run(world, file, 9, &Wrongs::default(), &Plan::new(vec![manipulator], 4));
+    let done = ran.result.unwrap_or_else(|e| panic!("{manipulator}: {e}; said {:?}", ran.said));
     assert!(done.missing.is_empty(), "{:?}", done.missing);
-    stage.close();
 }
 
 #[test]
-#[ignore = "an open gap: the 4x focuses on the shank, a few hundred µm up from the tip, and the 40x does not follow it down yet (40 s)"]
 fn from_markers_to_both_tips_in_view_to_the_fine_calibration() {
     let seed = 3;
     let mut model = RigModel::new(seed);
@@ -222,6 +217,45 @@ fn from_markers_to_both_tips_in_view_to_the_fine_calibration() {
     let worst = farthest_off(&world, &file, 5);
     println!("{worst:.2} µm at worst");
     assert!(worst <= 1.2, "{worst:.2} µm");
+}
+
+/// Coarse registrations as wrong as they say they may be, drawn anew each time, and pipettes of every steepness.
+fn wherever_it_really_is(seeds: std::ops::Range<u64>) {
+    for seed in seeds {
+        let mut noise = Noise::new(seed);
+        let mut model = RigModel::new(seed);
+        model.objectives.push(ObjectiveModel::SEARCHER);
+        let steepness = 25.0 + 35.0 * noise.uniform();
+        model.manipulators[0].descent_rad = f64::to_radians(steepness);
+        let world = World::new(model.clone());
+        let mut file = calibrated_microscope(&world.lock());
+        let number = ManipulatorNumber::new(1).unwrap();
+        let (m, error_um, error_deg) = (&model.manipulators[0], 120.0, 0.3);
+        let mut matrix = [[0.0, 0.0, 0.0, 1.0]; 4];
+        for (k, (row, joints)) in matrix.iter_mut().zip(m.joints).enumerate() {
+            row[..3].copy_from_slice(&joints);
+            row[3] = m.origin_um[k] + error_um * noise.normal().clamp(-2.5, 2.5);
+        }
+        let joints_um = position(&world.lock(), 1).into();
+        let registration = CoarseRegistration { matrix, error_um, error_deg, joints_um, date: DATE.into() };
+        let [descent_deg, azimuth_deg] = [m.descent_rad, m.azimuth_rad].map(|a| a.to_degrees() + 0.3 * noise.normal());
+        let pipette = Pipette { descent_deg, azimuth_deg, source: parfocal::rig::MARKERS.into(), date: DATE.into() };
+        file.set_coarse(number, registration, Some(pipette));
+        println!("seed {seed}: {steepness:.0}° down, wrong by {:?}", matrix.map(|row| row[3]));
+        bring(&world, &file, number);
+    }
+}
+
+#[test]
+fn a_tip_is_found_wherever_it_really_is() {
+    wherever_it_really_is(0..3);
+}
+
+/// `cargo nextest run -p parfocal-tests --test auto --run-ignored only thirty --no-capture`
+#[test]
+#[ignore = "thirty runs: minutes; the same as the one above, which CI plays with three"]
+fn a_tip_is_found_wherever_it_really_is_thirty_times() {
+    wherever_it_really_is(100..130);
 }
 
 #[test]
