@@ -1,5 +1,6 @@
 //! The whole run: camera, then every manipulator with its pipette.
 
+use super::bring::{Turret, bring};
 use super::error::AutoError;
 use super::eyes::Eyes;
 use super::records::Records;
@@ -68,6 +69,8 @@ pub struct Work<'a> {
     pub keep_on: &'a dyn Fn() -> bool,
     /// Told how it goes.
     pub progress: &'a mut dyn FnMut(Progress),
+    /// How tips come into view first; without it they are there, brought by a person.
+    pub turret: Option<Turret<'a>>,
 }
 
 /// What came of a run.
@@ -106,6 +109,11 @@ pub fn calibrate(
 ) -> Result<Calibrated, AutoError> {
     let records = Records::new(plan.folder.as_deref(), plan.seed)?;
     let mut calibrated = Calibrated { done: Vec::new(), missing: Vec::new() };
+    let mut waiting = plan.manipulators.iter().copied();
+    let first = next_in_view(work, rig, &mut waiting, date, save, &mut calibrated)?;
+    if first.is_none() && !calibrated.missing.is_empty() {
+        return Ok(calibrated);
+    }
     let found = camera::calibrate(work, rig, plan, &records)?;
     put_camera(rig, &found, plan, date())?;
     save(rig)?;
@@ -116,12 +124,13 @@ pub fn calibrate(
         found.fit.solution.chosen().len(),
         found.fit.image_px.len()
     ));
-    for n in &plan.manipulators {
-        match manipulator::calibrate(work, rig, plan, *n, &records) {
+    let mut next = first;
+    while let Some(n) = next {
+        match manipulator::calibrate(work, rig, plan, n, &records) {
             Ok(found) => {
                 let solution = &found.fit.solution;
                 rig.set_registration(
-                    *n,
+                    n,
                     Registration {
                         model: "affine".into(),
                         matrix: found.fit.transform().to_rows(),
@@ -133,7 +142,7 @@ pub fn calibrate(
                     let (descent_deg, azimuth_deg) = (direction.fit.descent_deg, direction.fit.azimuth_deg);
                     pipette = format!("pipette {descent_deg:.1}° down (by its {})", direction.source);
                     let source = direction.source.into();
-                    rig.set_pipette(*n, rig::Pipette { descent_deg, azimuth_deg, source, date: date() });
+                    rig.set_pipette(n, rig::Pipette { descent_deg, azimuth_deg, source, date: date() });
                 }
                 save(rig)?;
                 calibrated.done.push(format!(
@@ -143,14 +152,41 @@ pub fn calibrate(
                     solution.inliers.len()
                 ));
             }
-            Err(error) if error.is_of_one_manipulator() => {
-                (work.progress)(Progress::Warning(format!("{n} is not calibrated: {error}")));
-                calibrated.missing.push((*n, error));
-            }
-            Err(error) => return Err(error),
+            Err(error) => calibrated.lost(work, n, error)?,
         }
+        next = next_in_view(work, rig, &mut waiting, date, save, &mut calibrated)?;
     }
     Ok(calibrated)
+}
+
+impl Calibrated {
+    /// Goes on without a manipulator.
+    fn lost(&mut self, work: &mut Work<'_>, n: ManipulatorNumber, error: AutoError) -> Result<(), AutoError> {
+        if !error.is_of_one_manipulator() {
+            return Err(error);
+        }
+        (work.progress)(Progress::Warning(format!("{n} is not calibrated: {error}")));
+        self.missing.push((n, error));
+        Ok(())
+    }
+}
+
+/// The next manipulator whose tip comes into view.
+fn next_in_view(
+    work: &mut Work<'_>,
+    rig: &mut Rig,
+    waiting: &mut dyn Iterator<Item = ManipulatorNumber>,
+    date: &dyn Fn() -> String,
+    save: &mut dyn FnMut(&mut Rig) -> Result<(), AutoError>,
+    calibrated: &mut Calibrated,
+) -> Result<Option<ManipulatorNumber>, AutoError> {
+    for n in waiting {
+        match bring(work, rig, n, date(), save) {
+            Ok(()) => return Ok(Some(n)),
+            Err(error) => calibrated.lost(work, n, error)?,
+        }
+    }
+    Ok(None)
 }
 
 fn put_camera(rig: &mut Rig, found: &camera::Found, plan: &Plan, date: String) -> Result<(), AutoError> {

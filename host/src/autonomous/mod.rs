@@ -7,6 +7,7 @@
 //! below a configured floor.
 
 mod all;
+mod bring;
 mod camera;
 mod error;
 mod eyes;
@@ -19,6 +20,7 @@ mod records;
 mod shank;
 
 pub use all::{Calibrated, Plan, Work, calibrate};
+pub use bring::Turret;
 pub use error::AutoError;
 pub use eyes::{DetectorEyes, Eyes};
 pub use recalibrate::{Recalibrated, recalibrate};

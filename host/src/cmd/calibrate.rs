@@ -5,7 +5,7 @@ mod camera;
 mod into_view;
 mod latency;
 mod moves;
-mod objective;
+pub mod objective;
 mod pipette;
 mod registration;
 

@@ -1,16 +1,17 @@
 //! A rig, its camera and the tip detector, for what runs with nobody at the microscope.
 
+use super::calibrate::objective::turn;
 use super::connection::{Bench, Connection, Purpose};
-use super::live::{bar, camera, tell};
+use super::live::{Around, bar, camera, tell};
 use super::{interrupt, simulated};
 use anyhow::Context;
 use clap::Args;
-use parfocal::autonomous::{AutoError, DetectorEyes, Work};
+use parfocal::autonomous::{AutoError, DetectorEyes, Turret, Work};
 use parfocal::calibration::chain::ChainError;
 use parfocal::focus::Measure;
 use parfocal::frames::address::{CAREFUL_LATENCY, CameraAddress};
 use parfocal::frames::camera::Camera;
-use parfocal::procedure::ScanFocuser;
+use parfocal::procedure::{DetectorFinder, ScanFocuser};
 use parfocal::rig::Rig;
 use parfocal::stage::Stage;
 use parfocal::tip::Expect;
@@ -45,6 +46,7 @@ pub struct Unattended {
     camera: Box<dyn Camera>,
     focuser: ScanFocuser,
     eyes: DetectorEyes,
+    around: Around,
 }
 
 impl Unattended {
@@ -65,7 +67,7 @@ impl Unattended {
         let of_rig = of_rig.map(|c| c.matrix_um_per_px[0][0].hypot(c.matrix_um_per_px[1][0]));
         let known = Expect { confidence: eyesight.confidence, ..Expect::default() };
         let expect = Expect { pixel_um: eyesight.pixel_um.or(of_rig).unwrap_or(known.pixel_um), ..known };
-        Ok(Self { stage, camera, focuser, eyes: DetectorEyes { expect } })
+        Ok(Self { stage, camera, focuser, eyes: DetectorEyes { expect }, around: Around { simulated } })
     }
 
     /// The rig's clock.
@@ -73,13 +75,21 @@ impl Unattended {
         Duration::from_micros(self.stage.now().0)
     }
 
-    /// Does something with it, showing how it goes.
+    /// Does something with it, showing how it goes. Tips are brought into view first `through` these objectives, the weakest first, if any.
     ///
     /// # Errors
     /// What stopped it.
-    pub fn work<T>(&mut self, what: &mut dyn FnMut(&mut Work<'_>) -> Result<T, AutoError>) -> anyhow::Result<T> {
+    pub fn work<T>(
+        &mut self,
+        through: &[String],
+        what: &mut dyn FnMut(&mut Work<'_>) -> Result<T, AutoError>,
+    ) -> anyhow::Result<T> {
         let bar = bar();
         let mut progress = |said| tell(&bar, said);
+        let around = &self.around;
+        let mut change = |name: &str| turn(name, around);
+        let mut finder = DetectorFinder::new(self.eyes.expect);
+        let turret = (!through.is_empty()).then_some(Turret { through, change: &mut change, finder: &mut finder });
         let mut work = Work {
             stage: &mut self.stage,
             camera: self.camera.as_mut(),
@@ -87,6 +97,7 @@ impl Unattended {
             eyes: &mut self.eyes,
             keep_on: &interrupt::keep_on,
             progress: &mut progress,
+            turret,
         };
         let done = what(&mut work);
         bar.finish_and_clear();

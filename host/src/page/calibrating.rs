@@ -139,10 +139,9 @@ impl Calibration {
 /// The rig with a coarse registration that was moved to where the tip is, and what that means.
 fn in_view(rig: &Rig, number: ManipulatorNumber, found: &InView) -> Option<(Rig, String)> {
     let mut proposed = rig.clone();
-    let coarse = proposed.contents_mut().manipulators.get_mut(&number)?.coarse.as_mut()?;
-    coarse.matrix = found.arm.ref_from_man().to_rows();
-    coarse.error_um = found.error_um;
-    coarse.date = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
+    found
+        .put(&mut proposed, number, humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string())
+        .ok()?;
     let off = found.correction.coordinates.norm();
     let verdict = format!(
         "The tip of {number} is in view, in focus. The markers were {off:.0} µm off; now its coarse registration is good to {:.1} µm here.",

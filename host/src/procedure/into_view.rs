@@ -17,7 +17,7 @@ use super::point::{NotFound, PointFinder, Subject};
 use super::record::{Recorder, Sample};
 use crate::calibration::chain::{Arm, ChainError};
 use crate::calibration::frames::{Displacement, Man, Point, Ref};
-use crate::rig::{Device, ManipulatorNumber};
+use crate::rig::{Device, ManipulatorNumber, Rig};
 use nalgebra::Vector3;
 use view::View;
 
@@ -41,6 +41,21 @@ pub struct InView {
     pub error_um: f64,
     /// The tip in the picture of the last objective.
     pub seen: Seen,
+}
+
+impl InView {
+    /// Puts the moved coarse registration in force in the rig's file.
+    ///
+    /// # Errors
+    /// [`ProcedureError::Uncoarse`] when the file has none any more.
+    pub fn put(&self, rig: &mut Rig, number: ManipulatorNumber, date: String) -> Result<(), ProcedureError> {
+        let manipulator = rig.contents_mut().manipulators.get_mut(&number);
+        let coarse = manipulator.and_then(|m| m.coarse.as_mut()).ok_or(ProcedureError::Uncoarse(number))?;
+        coarse.matrix = self.arm.ref_from_man().to_rows();
+        coarse.error_um = self.error_um;
+        coarse.date = date;
+        Ok(())
+    }
 }
 
 /// Standard deviations that are searched.

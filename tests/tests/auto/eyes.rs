@@ -199,6 +199,7 @@ pub fn work<T>(
         eyes: &mut eyes,
         keep_on: &keep_on,
         progress: &mut progress,
+        turret: None,
     });
     stage.close();
     let (frames, lowest_um) = (eyes.frames, eyes.lowest_um);

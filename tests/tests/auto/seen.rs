@@ -28,6 +28,7 @@ fn the_detector_and_the_boards_scans_calibrate_a_rig_that_is_really_seen() {
         eyes: &mut eyes,
         keep_on: &|| true,
         progress: &mut progress,
+        turret: None,
     };
     // The camera, and what moves past it, is as noisy as a real one: a micrometre of focus is what a scan can tell.
     let plan = Plan { error_um: 0.6, ..Plan::new(both(), 1) };

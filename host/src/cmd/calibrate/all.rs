@@ -1,5 +1,6 @@
 //! `parfocal calibrate all --auto`.
 
+use super::into_view::known;
 use super::{Output, now, positive};
 use crate::cmd::connection::Connection;
 use crate::cmd::unattended::{Eyesight, Unattended};
@@ -28,6 +29,10 @@ pub struct All {
     /// The folder that samples are kept in; begun again with the same one, a run goes on from there [default: calibration, beside the rig's file]
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
+    /// Bring each tip into view first, where the coarse registration has it, through these objectives, the weakest first; with the last one all is
+    /// calibrated
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    through: Vec<String>,
     #[command(flatten)]
     eyesight: Eyesight,
 }
@@ -57,10 +62,11 @@ impl All {
             folder: Some(folder.clone()),
             ..Plan::new(manipulators, seed)
         };
+        known(&rig, &self.through)?;
         let mut unattended = Unattended::open(connection, &self.eyesight, &rig)?;
         let save = &mut |rig: &mut Rig| rig.save(&path).map_err(AutoError::from);
         let began = unattended.now();
-        let done = unattended.work(&mut |work| calibrate(work, &mut rig, &plan, &now, save));
+        let done = unattended.work(&self.through, &mut |work| calibrate(work, &mut rig, &plan, &now, save));
         let minutes = (unattended.now() - began).as_secs_f64() / 60.0;
         unattended.close();
         let samples = format!("every sample is in {}; the same command goes on from there", folder.display());

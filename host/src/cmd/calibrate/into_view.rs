@@ -33,11 +33,7 @@ impl IntoView {
         }
         let number = self.manipulator;
         let room = Room::new(&self.live, self.solving.rig.as_deref(), connection, self.solving.seed)?;
-        let known = room.known()?;
-        if let Some(unknown) = self.through.iter().find(|name| !known.contents().objectives.contains_key(*name)) {
-            let names: Vec<_> = known.contents().objectives.keys().map(String::as_str).collect();
-            bail!("objective '{unknown}' is not in the rig's file; it has: {}", names.join(", "));
-        }
+        known(&room.known()?, &self.through)?;
         let plan = IntoViewPlan { manipulator: number, objectives: self.through.clone() };
         let mut found: Option<InView> = None;
         let path = room.rig;
@@ -49,11 +45,7 @@ impl IntoView {
         })?;
         let found = found.context("the search ended without a word")?;
         let mut rig = Rig::load(path)?;
-        let manipulator = rig.contents_mut().manipulators.entry(number).or_default();
-        let coarse = manipulator.coarse.as_mut().with_context(|| format!("{number} lost its coarse registration"))?;
-        coarse.matrix = found.arm.ref_from_man().to_rows();
-        coarse.error_um = found.error_um;
-        coarse.date = now();
+        found.put(&mut rig, number, now())?;
         let by = found.correction.coordinates;
         let at = found.seen.pixel;
         let text = format!(
@@ -75,4 +67,14 @@ impl IntoView {
         });
         out.result(&text, &json)
     }
+}
+
+/// Refuses objectives that the rig's file does not have.
+pub fn known(rig: &Rig, through: &[String]) -> anyhow::Result<()> {
+    let objectives = &rig.contents().objectives;
+    if let Some(unknown) = through.iter().find(|name| !objectives.contains_key(*name)) {
+        let names: Vec<_> = objectives.keys().map(String::as_str).collect();
+        bail!("objective '{unknown}' is not in the rig's file; it has: {}", names.join(", "));
+    }
+    Ok(())
 }

@@ -128,11 +128,18 @@ impl Objective {
     }
 }
 
-/// Puts an objective into the light path: turns the simulated turret, or asks a person. The rig's file says so at once,
-/// whatever becomes of the calibration.
+/// Puts an objective into the light path. The rig's file says so at once, whatever becomes of the calibration.
 pub(super) fn change(path: &Path, name: &str, around: &Around) -> Result<(), String> {
+    turn(name, around)?;
+    let mut rig = Rig::load(path).map_err(|e| e.to_string())?;
+    rig.set_objective_in_use(Some(name)).map_err(|e| e.to_string())?;
+    rig.save(path).map_err(|e| e.to_string())
+}
+
+/// Turns the simulated turret, or asks a person.
+pub fn turn(name: &str, around: &Around) -> Result<(), String> {
     match &around.simulated {
-        Some(rig) => rig.set_objective(name)?,
+        Some(rig) => rig.set_objective(name),
         None => {
             eprint!("Put objective {name} into the light path, the point in view, then press Enter ('q' ends): ");
             std::io::stderr().flush().ok();
@@ -141,11 +148,9 @@ pub(super) fn change(path: &Path, name: &str, around: &Around) -> Result<(), Str
             if read == 0 || line.trim() == "q" {
                 return Err("nobody said that it was".into());
             }
+            Ok(())
         }
     }
-    let mut rig = Rig::load(path).map_err(|e| e.to_string())?;
-    rig.set_objective_in_use(Some(name)).map_err(|e| e.to_string())?;
-    rig.save(path).map_err(|e| e.to_string())
 }
 
 fn entry(fit: &ObjectiveFit, report: &report::Report) -> serde_json::Value {

@@ -32,7 +32,7 @@ impl Recalibrate {
         let plan = Plan { reach_um: self.eyesight.reach_um, ..Plan::new(vec![n], connection.seed) };
         let mut unattended = Unattended::open(connection, &self.eyesight, &rig)?;
         let date = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
-        let found = unattended.work(&mut |work| recalibrate(work, &rig, n, &plan, date.clone()));
+        let found = unattended.work(&[], &mut |work| recalibrate(work, &rig, n, &plan, date.clone()));
         unattended.close();
         let found = found.context("the old tip stays in force")?;
         let [x, y, z] = found.offset.offset_um;

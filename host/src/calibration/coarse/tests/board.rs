@@ -27,7 +27,6 @@ fn board() -> Board {
 }
 
 #[test]
-#[ignore = "takes many minutes without optimisation, and has not been seen to end: run it with --release"]
 fn the_camera_that_took_the_pictures_is_found() {
     let truth = stereo_camera();
     let found = calibrate(&pairs(&board(), 9, true), &board()).unwrap();
@@ -51,7 +50,6 @@ fn the_camera_that_took_the_pictures_is_found() {
 }
 
 #[test]
-#[ignore = "takes many minutes without optimisation, and has not been seen to end: run it with --release"]
 fn too_few_pairs_and_flat_ones_are_refused() {
     let few = calibrate(&pairs(&board(), 3, true), &board());
     assert!(matches!(few, Err(BoardError::TooFew { usable: 3, given: 3 })), "{few:?}");
