@@ -114,6 +114,16 @@ pub enum ProcedureError {
         "{0} has no coarse registration: photograph the markers with 'parfocal calibrate coarse --pairs DIR --rig FILE', or bring its tip into view by hand"
     )]
     Uncoarse(ManipulatorNumber),
+    /// The search ended without the tip.
+    #[error(
+        "the tip of {number} is nowhere within {within_um:.0} µm of where its coarse registration has it: was it moved by hand since, or is the pipette broken or missing? photograph the markers anew with 'parfocal calibrate coarse --rig FILE', or bring it into view by hand"
+    )]
+    Nowhere {
+        /// Whose tip.
+        number: ManipulatorNumber,
+        /// How far was looked in each direction, µm.
+        within_um: f64,
+    },
     /// The objective shows too little to search with.
     #[error(
         "the tip is known to {error_um:.0} µm only, which takes {looks} looks through {objective}: name a weaker objective first, as in --through 4x,40x"

@@ -66,8 +66,8 @@ const VISIBLE_DEPTHS: f64 = 15.0;
 /// objective into the light path.
 ///
 /// # Errors
-/// [`ProcedureError::Uncoarse`] without a coarse registration, [`NotFound`] when the search ends without the tip, an obstacle or a
-/// limit in the way of all of it. The pipette is then back where it was, if that way is free.
+/// [`ProcedureError::Uncoarse`] without a coarse registration, [`ProcedureError::Nowhere`] when the search ends without the tip, an obstacle or
+/// a limit in the way of all of it. The pipette is then back where it was, if that way is free.
 pub fn into_view(
     live: &mut LiveRig<'_>,
     finder: &mut dyn PointFinder,

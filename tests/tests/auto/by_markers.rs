@@ -2,9 +2,10 @@
 //! calibration, and nobody helps.
 
 use crate::eyes::both;
+use crate::into_view::calibrated_microscope;
 use crate::rendered::Rendered;
 use crate::unattended::send_to_random_pixels;
-use crate::world::{Noise, World, rig_file};
+use crate::world::World;
 use nalgebra::{Matrix3, Point3, Vector3};
 use parfocal::autonomous::{DetectorEyes, Plan, Turret, Work, calibrate};
 use parfocal::calibration::coarse::edges::Grey;
@@ -13,18 +14,12 @@ use parfocal::calibration::coarse::learn::{Learned, Now, moves, place};
 use parfocal::calibration::coarse::marker::{CELLS, cells};
 use parfocal::calibration::coarse::{Degrees, MarkerId, Pair, Place, Registration, Settings, StereoCamera, register};
 use parfocal::focus::Measure;
-use parfocal::procedure::{
-    DetectorFinder, Guard, IntoViewPlan, LiveRig, Parts, ProcedureError, Progress, Purpose, Recorder, ScanFocuser,
-    into_view, tips,
-};
-use parfocal::rig::{
-    AxisName, CameraCalibration, CoarseRegistration, Coordinate, Device, ManipulatorNumber, Pipette, Record, Rig, Zoom,
-};
+use parfocal::procedure::{DetectorFinder, Guard, Progress, ScanFocuser, tips};
+use parfocal::rig::{AxisName, CoarseRegistration, Coordinate, Device, ManipulatorNumber, Pipette, Rig};
 use parfocal_protocol::units::{Axis, Micrometres};
 use parfocal_simulator::model::{ManipulatorModel, ObjectiveModel, RigModel};
 use parfocal_simulator::rig;
 use parfocal_simulator::stereo::{self, Finish, Pose, Print, Scene, bench};
-use parfocal_tests::rig_file::record;
 use std::collections::BTreeMap;
 
 const DATE: &str = "2026-11-25T00:00:00Z";
@@ -114,21 +109,6 @@ fn learn(model: &RigModel, seed: u64) -> Learned {
     fine::learn(&all, objective.as_ref()).unwrap()
 }
 
-/// The rig's file with camera and objectives calibrated.
-fn calibrated_microscope(rig: &rig::Rig) -> Rig {
-    let mut file = rig_file();
-    let record = Record { date: DATE.into(), ..record() };
-    let matrix_um_per_px = rig.model().camera.matrix_um_per_px;
-    file.set_camera_calibration(CameraCalibration { matrix_um_per_px, objective: None, record }).unwrap();
-    for objective in &rig.model().objectives {
-        let zoom = Zoom { zoom: 1.0, alpha: objective.alpha, kappa_um: objective.kappa_um, record: None };
-        file.set_zoom(objective.name, zoom);
-        let entry = file.contents_mut().objectives.get_mut(objective.name).unwrap();
-        entry.depth_of_field_um = Some(objective.depth_of_field_um);
-    }
-    file
-}
-
 /// The rig's file: camera and objectives calibrated on the first day, markers photographed today.
 fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
     let rig = world.lock();
@@ -155,40 +135,6 @@ fn file_of(world: &World, learned: &Learned, seed: u64) -> Rig {
         file.set_coarse(ManipulatorNumber::new(n as u8 + 1).unwrap(), registration, Some(pipette));
     }
     file
-}
-
-/// One tip brought into view, as the 40x objective really shows it.
-fn bring(world: &World, file: &Rig, manipulator: ManipulatorNumber) {
-    let plan = IntoViewPlan { manipulator, objectives: vec!["4x".into(), "40x".into()] };
-    let mut focuser = ScanFocuser::new(Measure::Tenengrad, 100 * u16::from(manipulator.get()));
-    let (mut camera, mut progress) = (Rendered(world.clone()), |p: Progress| println!("{p:?}"));
-    let mut stage = world.stage();
-    let mut live = LiveRig::new(Parts {
-        stage: &mut stage,
-        camera: &mut camera,
-        focuser: &mut focuser,
-        rig: file,
-        keep_on: &|| true,
-        progress: &mut progress,
-    })
-    .unwrap();
-    let mut turret = |name: &str| if world.lock().set_objective(name) { Ok(()) } else { Err("no such".into()) };
-    let recorder = &mut Recorder::memory(Purpose::Registration);
-    let found = into_view(&mut live, &mut DetectorFinder::default(), &plan, &mut turret, recorder).unwrap();
-    let tip = world.tip(usize::from(manipulator.get()) - 1);
-    let shown = world.shown(found.seen.pixel.x_px, found.seen.pixel.y_px);
-    let focus = {
-        let rig = world.lock();
-        rig.viewpoint(rig.now()).focus_um
-    };
-    let (aside, above) = ((tip[0] - shown[0]).hypot(tip[1] - shown[1]), tip[2] - focus);
-    println!("{manipulator}: seen {aside:.2} µm aside, {above:.2} µm above focus; {:?}", found.correction);
-    // The detector sees tips to a pixel or two, and six are hardly ever exceeded; a scan takes either lobe of the focus curve.
-    assert!(
-        aside < 2.0 && above.abs() < 3.0 * found.error_um,
-        "{manipulator}: {aside} µm aside, {above} µm above focus"
-    );
-    stage.close();
 }
 
 /// Both tips brought into view and calibrated, one after the other, by rendered frames, the tip detector and the boards' own scans.
@@ -251,65 +197,4 @@ fn from_markers_to_both_tips_in_view_to_the_fine_calibration() {
         println!("{n}: {worst:.2} µm at worst");
         assert!(worst <= 1.5, "{n}: {worst:.2} µm");
     }
-}
-
-/// Coarse registrations as wrong as they say they may be, drawn anew each time, and pipettes of every steepness.
-fn wherever_it_really_is(seeds: std::ops::Range<u64>) {
-    for seed in seeds {
-        let mut noise = Noise::new(seed);
-        let mut model = RigModel::new(seed);
-        model.objectives.push(ObjectiveModel::SEARCHER);
-        let steepness = 25.0 + 35.0 * noise.uniform();
-        model.manipulators[0].descent_rad = f64::to_radians(steepness);
-        let world = World::new(model.clone());
-        let mut file = calibrated_microscope(&world.lock());
-        let number = ManipulatorNumber::new(1).unwrap();
-        let (m, error_um, error_deg) = (&model.manipulators[0], 120.0, 0.3);
-        let mut matrix = [[0.0, 0.0, 0.0, 1.0]; 4];
-        for (k, (row, joints)) in matrix.iter_mut().zip(m.joints).enumerate() {
-            row[..3].copy_from_slice(&joints);
-            row[3] = m.origin_um[k] + error_um * noise.normal().clamp(-2.5, 2.5);
-        }
-        let joints_um = position(&world.lock(), 1).into();
-        let registration = CoarseRegistration { matrix, error_um, error_deg, joints_um, date: DATE.into() };
-        let [descent_deg, azimuth_deg] = [m.descent_rad, m.azimuth_rad].map(|a| a.to_degrees() + 0.3 * noise.normal());
-        let pipette = Pipette { descent_deg, azimuth_deg, source: parfocal::rig::MARKERS.into(), date: DATE.into() };
-        file.set_coarse(number, registration, Some(pipette));
-        println!("seed {seed}: {steepness:.0}° down, wrong by {:?}", matrix.map(|row| row[3]));
-        bring(&world, &file, number);
-    }
-}
-
-#[test]
-fn a_tip_is_found_wherever_it_really_is() {
-    wherever_it_really_is(0..3);
-}
-
-/// `cargo nextest run -p parfocal-tests --test auto --run-ignored only thirty --no-capture`
-#[test]
-#[ignore = "thirty runs: minutes; the same as the one above, which CI plays with three"]
-fn a_tip_is_found_wherever_it_really_is_thirty_times() {
-    wherever_it_really_is(100..130);
-}
-
-#[test]
-fn without_a_coarse_registration_it_says_how_to_get_one() {
-    let world = World::new(RigModel::new(1));
-    let (mut stage, file, keep_on) = (world.stage(), rig_file(), || true);
-    let (mut camera, mut focuser) = (Rendered(world.clone()), ScanFocuser::new(Measure::Tenengrad, 1));
-    let mut progress = |_| {};
-    let mut live = LiveRig::new(Parts {
-        stage: &mut stage,
-        camera: &mut camera,
-        focuser: &mut focuser,
-        rig: &file,
-        keep_on: &keep_on,
-        progress: &mut progress,
-    })
-    .unwrap();
-    let plan = IntoViewPlan { manipulator: ManipulatorNumber::new(2).unwrap(), objectives: vec!["40x".into()] };
-    let (finder, recorder) = (&mut DetectorFinder::default(), &mut Recorder::memory(Purpose::Registration));
-    let refused = into_view(&mut live, finder, &plan, &mut |_| Ok(()), recorder);
-    let Err(ProcedureError::Uncoarse(_)) = &refused else { panic!("{refused:?}") };
-    assert!(refused.unwrap_err().to_string().contains("calibrate coarse"));
 }

@@ -3,6 +3,7 @@
 mod by_markers;
 mod eyes;
 mod faults;
+mod into_view;
 mod recalibrated;
 mod rendered;
 mod seen;

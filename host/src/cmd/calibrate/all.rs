@@ -72,12 +72,13 @@ impl All {
         let samples = format!("every sample is in {}; the same command goes on from there", folder.display());
         let Calibrated { done, missing } = done.with_context(|| samples.clone())?;
         let lost: Vec<String> = missing.iter().map(|(n, why)| format!("{n} is not calibrated: {why}")).collect();
-        let text = format!(
-            "{}\n{minutes:.1} minutes of the rig's time. In force in {}; samples in {}.\n",
-            done.join("\n"),
-            path.display(),
-            folder.display()
-        );
+        let text = if done.is_empty() {
+            format!("Nothing was calibrated, and {} says what it said.\n", path.display())
+        } else {
+            let (file, folder) = (path.display(), folder.display());
+            let done = done.join("\n");
+            format!("{done}\n{minutes:.1} minutes of the rig's time. In force in {file}; samples in {folder}.\n")
+        };
         let missing: Vec<_> =
             missing.iter().map(|(n, why)| json!({ "manipulator": n, "why": why.to_string() })).collect();
         out.result(&text, &json!({ "done": done, "missing": missing, "minutes": minutes, "samples": folder }))?;

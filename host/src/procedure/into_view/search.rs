@@ -34,6 +34,7 @@ impl Hunt<'_, '_> {
             return Err(ProcedureError::SmallField { objective, looks, error_um: self.belief.error.max() });
         }
         self.lift(view)?;
+        let within_um = SIGMAS * self.belief.error.max();
         let mut why = None;
         for &height in &heights {
             for &[x, y] in &places {
@@ -48,7 +49,11 @@ impl Hunt<'_, '_> {
                 }
             }
         }
-        Err(why.unwrap_or(ProcedureError::NotFound(NotFound::Unseen(Subject::Tip(self.number)))))
+        match why {
+            // An obstacle, a limit, a focus refused: that is what to see to.
+            Some(why) if !matches!(why, ProcedureError::NotFound(_)) => Err(why),
+            _ => Err(ProcedureError::Nowhere { number: self.number, within_um }),
+        }
     }
 
     /// Lifts pipette and focus until the obstacles are clear of all places where the tip may be.
