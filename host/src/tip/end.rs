@@ -56,8 +56,8 @@ fn aside(levels: &[Level], tip: &Cone, noise: f64) -> Option<f64> {
         let along = (0..).map(|k| f64::from(k) * step).take_while(|s| *s < LAST_PX);
         let held: Vec<f64> = along.filter_map(|s| detail(level, tip, step, floor, s, t)).collect();
         let mean = held.iter().sum::<f64>() / held.len().max(1) as f64;
-        // The root: squared, the clearer of the two walls would draw the middle to itself.
-        let size = mean.max(0.0).sqrt();
+        // The root of a gradient: the clearer of the two walls would draw the middle to itself.
+        let size = mean.max(0.0).sqrt().sqrt();
         sum += size;
         moment += t * size;
     }
