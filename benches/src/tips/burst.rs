@@ -7,11 +7,11 @@ use parfocal_simulator::scene::{Drawn, Exposure};
 use std::f64::consts::TAU;
 use std::time::Instant;
 
-/// Frames a second, and frames of a burst.
+/// Frames a second, and frames of a burst: twenty swings, as docs/tips.md asks for.
 const FPS: f64 = 30.0;
-const FRAMES: u32 = 60;
+const FRAMES: u32 = 120;
 
-/// Vibration as `parfocal vibrate` has it unless told otherwise, ten swings: frequency, and half of the way from turn to turn.
+/// Vibration as `parfocal vibrate` has it unless told otherwise: frequency, and half of the way from turn to turn.
 const VIBRATION_HZ: f64 = 5.0;
 const AMPLITUDE_UM: f64 = 2.0;
 

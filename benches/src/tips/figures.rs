@@ -100,6 +100,11 @@ impl Report {
         }
     }
 
+    /// Tips of vibrating pipettes that were not found, or not within 3 px.
+    fn missed_bursts(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(|r| r.show == "burst" && r.error_px.is_none_or(|error| error > 3.0))
+    }
+
     /// The `count` worst of each kind: tips in the wrong place, false ones, and those that were not found nearest to focus.
     pub fn worst(&self, count: usize) -> Vec<&Row> {
         let mut worst = Vec::new();
@@ -132,6 +137,15 @@ impl fmt::Display for Report {
                 s.p95_px,
                 percent(s.within_3_px),
                 s.wrong
+            )?;
+        }
+        for row in self.missed_bursts() {
+            let error = row.error_px.map_or("not found".into(), |error| format!("{error:.1} px off"));
+            let (contrast, noise) = (100.0 * row.contrast.unwrap_or_default(), 100.0 * row.noise);
+            writeln!(
+                f,
+                "by motion, scene {}: {error} ({:+.1} µm of defocus, contrast {contrast:.1} %, noise {noise:.1} %)",
+                row.seed, row.defocus_um
             )?;
         }
         if self.empty_scenes > 0 {

@@ -3,7 +3,7 @@
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays, side by side")]
 
 use super::model::{Cone, Drawing, GLASS, PLACES, SEAM};
-use super::patch::{Block, LANES, Lanes, Patch};
+use super::patch::{Block, LANES, Lanes, Patch, widest};
 use nalgebra::{SMatrix, SVector};
 
 /// Shapes that mix linearly: the pipette's, and the light's level and two slopes.
@@ -50,10 +50,13 @@ impl Drawn {
     /// `stiffness`: what the square of the seam's difference costs.
     pub fn new(patch: &Patch, cone: &Cone, weights: &[Lanes], seam: Seam, stiffness: f64) -> Self {
         let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
-        let rows = match seam {
-            Seam::Without => rows::<false>(&drawing, &patch.blocks),
-            Seam::With => rows::<true>(&drawing, &patch.blocks),
-        };
+        let rows = widest(
+            #[inline(always)]
+            || match seam {
+                Seam::Without => rows::<false>(&drawing, &patch.blocks),
+                Seam::With => rows::<true>(&drawing, &patch.blocks),
+            },
+        );
         let mut drawn = Self {
             rows,
             mix: Mix::zeros(),
@@ -72,6 +75,29 @@ impl Drawn {
 
     /// Mixes the shapes for the least weighted squares.
     pub fn solve(&mut self, patch: &Patch, weights: &[Lanes], stiffness: f64) {
+        widest(
+            #[inline(always)]
+            || self.multiply(patch, weights),
+        );
+        let mut matrix = self.normal;
+        // Shapes that look alike when blurred share the light evenly.
+        let even = 1e-4 * matrix[(GLASS, GLASS)].max(1e-12);
+        let ridge = [0.1 * even, 30.0 * even, stiffness.max(1e-3 * even)];
+        for (i, ridge) in ridge.into_iter().enumerate() {
+            matrix[(i, i)] += ridge;
+        }
+        self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
+        self.mix = self.inverse * self.right;
+        widest(
+            #[inline(always)]
+            || self.subtract(patch, weights),
+        );
+        self.cost = self.squares + ridge.iter().enumerate().map(|(i, ridge)| ridge * self.mix[i].powi(2)).sum::<f64>();
+    }
+
+    /// The shapes' products with each other and with the values.
+    #[inline(always)]
+    fn multiply(&mut self, patch: &Patch, weights: &[Lanes]) {
         let per_radius = 1.0 / patch.radius;
         let mut sums = [[[0.0_f32; LANES]; SHAPES]; SHAPES];
         let mut right = [[0.0_f32; LANES]; SHAPES];
@@ -90,21 +116,18 @@ impl Drawn {
             }
         }
         self.normal = Shapes::from_fn(|i, j| total(&sums[i.max(j)][i.min(j)]));
-        let mut matrix = self.normal;
-        // Shapes that look alike when blurred share the light evenly.
-        let even = 1e-4 * matrix[(GLASS, GLASS)].max(1e-12);
-        let ridge = [0.1 * even, 30.0 * even, stiffness.max(1e-3 * even)];
-        for (i, ridge) in ridge.into_iter().enumerate() {
-            matrix[(i, i)] += ridge;
-        }
-        self.inverse = matrix.cholesky().map_or_else(Shapes::zeros, |c| c.inverse());
         self.right = Mix::from_fn(|i, _| total(&right[i]));
         self.total = total(&all);
-        self.mix = self.inverse * self.right;
+    }
+
+    /// What the mix leaves.
+    #[inline(always)]
+    fn subtract(&mut self, patch: &Patch, weights: &[Lanes]) {
+        let per_radius = 1.0 / patch.radius;
         let mix: [f32; SHAPES] = std::array::from_fn(|i| self.mix[i] as f32);
         let mut squares = [0.0_f32; LANES];
         self.residuals.clear();
-        self.residuals.extend(self.rows.iter().zip(&patch.blocks).zip(weights).map(|((row, block), w)| {
+        for ((row, block), w) in self.rows.iter().zip(&patch.blocks).zip(weights) {
             let v = shapes(row, block, per_radius);
             let mut left = block.value;
             for (shape, m) in v.iter().zip(&mix) {
@@ -115,10 +138,9 @@ impl Drawn {
             for l in 0..LANES {
                 squares[l] += w[l] * left[l] * left[l];
             }
-            left
-        }));
+            self.residuals.push(left);
+        }
         self.squares = total(&squares);
-        self.cost = self.squares + ridge.iter().enumerate().map(|(i, ridge)| ridge * self.mix[i].powi(2)).sum::<f64>();
     }
 
     /// The weighted squares that the light's level and slopes alone would leave.
@@ -142,12 +164,16 @@ impl Drawn {
     /// How the squares change with the cone's numbers.
     pub fn equations(&self, patch: &Patch, cone: &Cone, weights: &[Lanes]) -> Equations {
         let drawing = Drawing::new(cone, patch.step, [patch.x, patch.y], patch.unit);
-        match self.seam {
-            Seam::Without => self.sums::<false>(patch, &drawing, weights),
-            Seam::With => self.sums::<true>(patch, &drawing, weights),
-        }
+        widest(
+            #[inline(always)]
+            || match self.seam {
+                Seam::Without => self.sums::<false>(patch, &drawing, weights),
+                Seam::With => self.sums::<true>(patch, &drawing, weights),
+            },
+        )
     }
 
+    #[inline(always)]
     fn sums<const SEAM_TOO: bool>(&self, patch: &Patch, drawing: &Drawing, weights: &[Lanes]) -> Equations {
         let per_radius = 1.0 / patch.radius;
         let mix = self.shares().map(|m| m as f32);
@@ -191,8 +217,10 @@ impl Drawn {
     }
 }
 
+#[inline(always)]
 fn rows<const SEAM_TOO: bool>(drawing: &Drawing, blocks: &[Block]) -> Vec<[Lanes; GLASS]> {
-    let each = |block: &Block| {
+    let mut rows = Vec::with_capacity(blocks.len());
+    for block in blocks {
         let mut row = [[0.0; LANES]; GLASS];
         for l in 0..LANES {
             let shapes = drawing.shapes::<SEAM_TOO>(block.x[l], block.y[l]);
@@ -201,9 +229,9 @@ fn rows<const SEAM_TOO: bool>(drawing: &Drawing, blocks: &[Block]) -> Vec<[Lanes
             }
             row[0][l] += if SEAM_TOO { SEAM as f32 * shapes[2] } else { 0.0 };
         }
-        row
-    };
-    blocks.iter().map(each).collect()
+        rows.push(row);
+    }
+    rows
 }
 
 /// The pipette's shapes and the light's.

@@ -12,29 +12,68 @@ pub struct End {
     pub clarity: f64,
 }
 
-/// The end of the detail, looked for again from where it was found: the cone's own tip may lie far behind it. What the cone says
-/// of the opening with it is not asked.
-pub fn settled(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
+/// A cone's axis and the end of the detail along it, looked for again from where it was found: the cone's own tip may lie far
+/// behind it, and beside the axis. What the cone says of the opening with it is not asked.
+pub fn settled(levels: &[Level], cone: &Cone, noise: f64) -> Option<(Cone, End)> {
     let (sin, cos) = cone.angle.sin_cos();
-    let from = |beyond: f64| Cone {
-        x: cone.x + beyond * cos,
-        y: cone.y + beyond * sin,
-        ln_opening: OPENING_PX.ln(),
-        ln_widening: WIDENING.ln(),
-        ..*cone
-    };
-    let mut found = end(levels, &from(0.0), noise)?;
+    let moved = |from: &Cone, beyond: f64| Cone { x: from.x + beyond * cos, y: from.y + beyond * sin, ..*from };
+    let mut axis = Cone { ln_opening: OPENING_PX.ln(), ln_widening: WIDENING.ln(), ..*cone };
+    let mut found = end(levels, &axis, noise)?;
+    for _ in 0..CENTRED {
+        let at = moved(&axis, found.beyond);
+        let Some(aside) = aside(levels, &at, noise) else { break };
+        let centred = Cone { x: at.x - aside * sin, y: at.y + aside * cos, ..axis };
+        let Some(next) = end(levels, &centred, noise) else { break };
+        (axis, found) = (centred, next);
+    }
     for _ in 0..AGAIN {
         // A look that ends elsewhere has followed something else: the seam in front, or dirt.
-        let Some(next) = end(levels, &from(found.beyond), noise).filter(|end| end.beyond.abs() <= OPENING_PX) else {
-            break;
-        };
+        let next = end(levels, &moved(&axis, found.beyond), noise).filter(|end| end.beyond.abs() <= OPENING_PX);
+        let Some(next) = next else { break };
         found.beyond += next.beyond;
         if next.beyond.abs() < 0.1 {
             break;
         }
     }
-    Some(found)
+    Some((axis, found))
+}
+
+/// How often an axis is moved to the middle of the detail that lies about it.
+const CENTRED: usize = 2;
+
+/// How far up the shank that middle is taken from, px.
+const LAST_PX: f64 = 16.0;
+
+/// How far beside a tip's axis the middle of the detail lies on the last of the shank, px.
+fn aside(levels: &[Level], tip: &Cone, noise: f64) -> Option<f64> {
+    let level = levels.first()?;
+    let step = level.step as f64;
+    let floor = noise / step;
+    let n = (2.0 * ASIDE_PX) as i32;
+    let (mut sum, mut moment) = (0.0, 0.0);
+    for i in -n..=n {
+        let t = 0.5 * f64::from(i);
+        let along = (0..).map(|k| f64::from(k) * step).take_while(|s| *s < LAST_PX);
+        let held: Vec<f64> = along.filter_map(|s| detail(level, tip, step, floor, s, t)).collect();
+        let mean = held.iter().sum::<f64>() / held.len().max(1) as f64;
+        // The root of a gradient: the clearer of the two walls would draw the middle to itself.
+        let size = mean.max(0.0).sqrt().sqrt();
+        sum += size;
+        moment += t * size;
+    }
+    (sum > 0.0).then(|| moment / sum)
+}
+
+/// How far beside the axis detail is looked at, px.
+const ASIDE_PX: f64 = 10.0;
+
+/// The squared gradient, less that of noise, at `s` along the shank and `t` aside.
+fn detail(level: &Level, cone: &Cone, step: f64, floor: f64, s: f64, t: f64) -> Option<f64> {
+    let (sin, cos) = cone.angle.sin_cos();
+    let at = |s: f64, t: f64| level.between(cone.x - s * cos - t * sin, cone.y - s * sin + t * cos);
+    let along = at(s + step, t)? - at(s - step, t)?;
+    let across = at(s, t + step)? - at(s, t - step)?;
+    Some(along * along + across * across - 4.0 * floor * floor)
 }
 
 /// Looks after the first, at most.
@@ -50,23 +89,16 @@ const BEGINS: f64 = 0.37;
 /// Looks for the place where the gradients of glass and halo fall to half of what they are along the last part of the shank.
 /// `noise` is a standard deviation of a pixel of the picture.
 pub fn end(levels: &[Level], cone: &Cone, noise: f64) -> Option<End> {
-    let (sin, cos) = cone.angle.sin_cos();
     let (opening, widening) = (cone.ln_opening.exp(), cone.ln_widening.exp());
     let unit = (0.3 * opening).clamp(1.0, 6.0);
     let level = levels.iter().rev().find(|l| l.step as f64 <= unit).unwrap_or(&levels[0]);
     let floor = noise / level.step as f64;
     let step = unit.max(level.step as f64);
-    // The squared gradient, less that of noise, at `s` along the shank and `t` aside.
-    let detail = |s: f64, t: f64| -> Option<f64> {
-        let at = |s: f64, t: f64| level.between(cone.x - s * cos - t * sin, cone.y - s * sin + t * cos);
-        let along = at(s + step, t)? - at(s - step, t)?;
-        let across = at(s, t + step)? - at(s, t - step)?;
-        Some(along * along + across * across - 4.0 * floor * floor)
-    };
     let energy = |s: f64| -> Option<f64> {
         let half = opening + widening * s.max(0.0) + 2.0 * step;
         let n = (half / step).ceil() as i32;
-        let held: Vec<f64> = (-n..=n).filter_map(|i| detail(s, f64::from(i) * step)).collect();
+        let held: Vec<f64> =
+            (-n..=n).filter_map(|i| detail(level, cone, step, floor, s, f64::from(i) * step)).collect();
         let mean = held.iter().sum::<f64>() / (held.len().max(1) as f64);
         (held.len() >= n as usize).then(|| mean.max(0.0).sqrt())
     };

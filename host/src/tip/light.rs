@@ -11,8 +11,8 @@ pub struct Light {
     terms: SVector<f64, TERMS>,
 }
 
-fn basis(u: f64, v: f64) -> SVector<f64, TERMS> {
-    SVector::from([1.0, u, v, u * u, u * v, v * v])
+fn basis(u: f64, v: f64) -> [f64; TERMS] {
+    [1.0, u, v, u * u, u * v, v * v]
 }
 
 impl Light {
@@ -22,34 +22,41 @@ impl Light {
         let curved = level.width.min(level.height) * level.step >= 300;
         let mut terms = SVector::<f64, TERMS>::zeros();
         let mut scale2 = f64::INFINITY;
-        let places = |i: usize, n: usize| 2.0 * (i as f64 + 0.5) / n as f64 - 1.0;
+        let places = |n: usize| (0..n).map(move |i| 2.0 * (i as f64 + 0.5) / n as f64 - 1.0);
+        let columns: Vec<f64> = places(level.width).collect();
+        // What the terms leave of each pixel.
+        let mut left: Vec<f64> = level.values.iter().map(|value| f64::from(*value)).collect();
+        let mut deviations = Vec::with_capacity(left.len());
         for _ in 0..5 {
-            let mut normal = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-9;
-            let mut right = SVector::<f64, TERMS>::zeros();
-            let mut deviations = Vec::with_capacity(level.values.len());
-            for (j, row) in level.values.chunks_exact(level.width).enumerate() {
-                let v = places(j, level.height);
-                for (i, value) in row.iter().enumerate() {
-                    let mut b = basis(places(i, level.width), v);
-                    if !curved {
-                        b = SVector::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-                    }
-                    let r = f64::from(*value) - terms.dot(&b);
+            let mut normal = [[0.0; TERMS]; TERMS];
+            let mut right = [0.0; TERMS];
+            let rows = level.values.chunks_exact(level.width).zip(left.chunks_exact(level.width));
+            for ((values, left), v) in rows.zip(places(level.height)) {
+                for ((value, r), u) in values.iter().zip(left).zip(&columns) {
+                    let b = if curved { basis(*u, v) } else { [1.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
                     let w = 1.0 / (1.0 + r * r / scale2);
-                    normal += b * b.transpose() * w;
-                    right += b * (w * f64::from(*value));
+                    let seen = w * f64::from(*value);
+                    for i in 0..TERMS {
+                        right[i] += b[i] * seen;
+                        for j in 0..=i {
+                            normal[i][j] += b[i] * b[j] * w;
+                        }
+                    }
                 }
             }
+            let normal = SMatrix::<f64, TERMS, TERMS>::from_fn(|i, j| {
+                normal[i.max(j)][i.min(j)] + if i == j { 1e-9 } else { 0.0 }
+            });
             let Some(cholesky) = normal.cholesky() else { break };
-            terms = cholesky.solve(&right);
-            for (j, row) in level.values.chunks_exact(level.width).enumerate() {
-                let v = places(j, level.height);
-                deviations.extend(
-                    row.iter()
-                        .enumerate()
-                        .map(|(i, value)| (f64::from(*value) - terms.dot(&basis(places(i, level.width), v))).abs()),
-                );
+            terms = cholesky.solve(&SVector::from(right));
+            let rows = level.values.chunks_exact(level.width).zip(left.chunks_exact_mut(level.width));
+            for ((values, left), v) in rows.zip(places(level.height)) {
+                for ((value, r), u) in values.iter().zip(left).zip(&columns) {
+                    *r = f64::from(*value) - terms.dot(&SVector::from(basis(*u, v)));
+                }
             }
+            deviations.clear();
+            deviations.extend(left.iter().map(|r| r.abs()));
             let middle = deviations.len() / 2;
             let typical = *deviations.select_nth_unstable_by(middle, f64::total_cmp).1 * 1.48;
             scale2 = (4.0 * typical * typical).max(1e-6);

@@ -168,7 +168,8 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64, expect: &Expect) -> T
     };
     let end = (best.unexplained > UNEXPLAINED)
         .then(laid)
-        .and_then(|axis| Some((axis, end::settled(levels, &axis, noise).filter(|end| end.clarity > CLEAR)?)));
+        .and_then(|axis| end::settled(levels, &axis, noise))
+        .filter(|(_, end)| end.clarity > CLEAR);
     let (x, y, angle) = match end {
         Some((axis, end)) => {
             let (sin, cos) = axis.angle.sin_cos();

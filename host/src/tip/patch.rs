@@ -11,6 +11,13 @@ pub const LANES: usize = 8;
 /// A number of each of some pixels.
 pub type Lanes = [f32; LANES];
 
+/// Works with the widest registers that the processor has, which the program as a whole is not built for. `work`, and all in it
+/// that is to profit, has to be `#[inline(always)]`. What comes out is the same to the last bit: a lane does what it would alone.
+#[inline(always)]
+pub fn widest<R>(work: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(work)
+}
+
 /// Pixels: their places from the patch's middle (px), their values and weights. The last block is filled up with weight 0.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Block {

@@ -6,7 +6,7 @@
 
 #![allow(clippy::needless_range_loop, reason = "lanes of several arrays, side by side")]
 
-use super::patch::{LANES, Lanes};
+use super::patch::{LANES, Lanes, widest};
 use super::pyramid::Level;
 use std::f64::consts::{PI, TAU};
 
@@ -86,11 +86,14 @@ pub fn candidates(levels: &[Level], noise: f64, count: usize, allowed: impl Fn(f
     let (width, height) = (finest.width * finest.step, finest.height * finest.step);
     let spacing = if width * height > FEW_PIXELS { SPACING } else { FINE_SPACING };
     let columns = (width + spacing - 1 - spacing / 2) / spacing;
-    let lattices: Vec<Lattice> = levels.iter().map(|level| Lattice::new(level, spacing, columns)).collect();
+    // Of the levels that a ring is sampled from.
+    let asked = |k: usize| RINGS.iter().any(|ring| ring.1 == k);
+    let lattices: Vec<Option<Lattice>> =
+        levels.iter().enumerate().map(|(k, level)| asked(k).then(|| Lattice::new(level, spacing, columns))).collect();
     let rings: Vec<Ring<'_>> = RINGS
         .iter()
         .filter_map(|&(radius, level)| {
-            Some(Ring::new(levels.get(level)?, lattices.get(level)?, radius, noise, spacing as i32))
+            Some(Ring::new(levels.get(level)?, lattices.get(level)?.as_ref()?, radius, noise, spacing as i32))
         })
         .collect();
     // Tip direction is opposite to the shank's.
@@ -99,7 +102,10 @@ pub fn candidates(levels: &[Level], noise: f64, count: usize, allowed: impl Fn(f
     let mut answers = Vec::new();
     for y in (spacing / 2..height).step_by(spacing) {
         for first in (0..columns).step_by(LANES) {
-            let asked = ask(&rings, first as i32, y as i32, spacing as i32, width as i32, &open);
+            let asked = widest(
+                #[inline(always)]
+                || ask(&rings, first as i32, y as i32, spacing as i32, width as i32, &open),
+            );
             answers.extend(asked.into_iter().take(columns - first).filter(|a| a.score > 1.0));
         }
     }
@@ -116,7 +122,12 @@ pub fn candidates(levels: &[Level], noise: f64, count: usize, allowed: impl Fn(f
             let about = |l: usize| pair[(l / 4).min(pair.len() - 1)];
             let x = std::array::from_fn(|l| about(l).x + if l % 2 == 0 { -quarter } else { quarter });
             let y = std::array::from_fn(|l| about(l).y + if l % 4 < 2 { -quarter } else { quarter });
-            ask_again(&rings, x, y, &open).into_iter().take(4 * pair.len())
+            widest(
+                #[inline(always)]
+                || ask_again(&rings, x, y, &open),
+            )
+            .into_iter()
+            .take(4 * pair.len())
         })
         .filter(|a| a.score > 1.0)
         .collect();
@@ -146,6 +157,7 @@ struct Votes {
 }
 
 /// Asks the rings about the places of row `y` from the `first` on; each answers with its clearest direction.
+#[inline(always)]
 fn ask(rings: &[Ring<'_>], first: i32, y: i32, spacing: i32, width: i32, open: &[f32; DIRECTIONS]) -> [Answer; LANES] {
     let x: [i32; LANES] = std::array::from_fn(|l| spacing / 2 + spacing * (first + l as i32));
     let mut votes = Votes::default();
@@ -168,6 +180,7 @@ fn ask(rings: &[Ring<'_>], first: i32, y: i32, spacing: i32, width: i32, open: &
 }
 
 /// Asks the rings about single places.
+#[inline(always)]
 fn ask_again(rings: &[Ring<'_>], x: [i32; LANES], y: [i32; LANES], open: &[f32; DIRECTIONS]) -> [Answer; LANES] {
     let mut votes = Votes::default();
     for ring in rings {
@@ -301,6 +314,7 @@ impl Votes {
     }
 
     /// Each place's clearest direction.
+    #[inline(always)]
     fn answers(&self, x: [i32; LANES], y: [i32; LANES], open: &[f32; DIRECTIONS]) -> [Answer; LANES] {
         let mut scores = [[0.0_f32; LANES]; DIRECTIONS];
         for j in 0..DIRECTIONS {

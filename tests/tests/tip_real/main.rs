@@ -107,6 +107,5 @@ fn turned_mirrored_enlarged_and_pasted_elsewhere_the_tip_stays_where_it_is() {
     let at = |share: f64| errors[((errors.len() - 1) as f64 * share).round() as usize];
     println!("found {} of {of}; median {:.2} px, 95 % {:.2} px", errors.len(), at(0.5), at(0.95));
     assert!(errors.len() * 10 >= of * 9, "missed: {misses:#?}");
-    // 2 px for 95 % would be better still: planes 25 and 26, where the tip's detail rises slowly, exceed it (docs/tips.md).
-    assert!(at(0.5) <= 0.7 && at(0.95) <= 2.5, "median {:.2} px, 95 % {:.2} px", at(0.5), at(0.95));
+    assert!(at(0.5) <= 0.7 && at(0.95) <= 2.0, "median {:.2} px, 95 % {:.2} px", at(0.5), at(0.95));
 }

@@ -33,10 +33,11 @@ const CLOSE_PX: f64 = 6.0;
 const LEAST_GAIN: f64 = 60.0;
 
 /// What is known of pipettes before looking: means and standard deviations, in the order of
-/// [`Swinging::to_array`]; lengths at the still detector's pixel size.
-const MEANS: [f64; NUMBERS] = [0.0, 0.0, 0.0, 1.1, -1.6, 0.0, -0.43, 1.5, 0.0, 2.5, 0.0];
+/// [`Swinging::to_array`]; lengths at the still detector's pixel size. Openings of 0.5 to 1.5 µm, cones of 5 to 12 degrees, descents
+/// of 25 to 60 degrees, and about the swing that a vibration has unless told otherwise.
+const MEANS: [f64; NUMBERS] = [0.0, 0.0, 0.0, 1.1, -1.6, 0.0, -0.43, 1.8, 0.0, 2.5, 0.0];
 const FREE: f64 = f64::INFINITY;
-const DEVIATIONS: [f64; NUMBERS] = [FREE, FREE, FREE, 0.5, 0.4, 20.0, 0.5, 0.7, 0.3, 2.0, FREE];
+const DEVIATIONS: [f64; NUMBERS] = [FREE, FREE, FREE, 0.36, 0.38, 20.0, 0.42, 0.6, 0.3, 2.0, FREE];
 
 /// The longest step of each number in one round.
 const LEAPS: [f64; NUMBERS] = [20.0, 20.0, 0.3, 0.5, 0.5, 10.0, 0.5, 0.5, 0.3, 1.0, FREE];
@@ -47,11 +48,11 @@ const STARTS: usize = 8;
 /// What a pipette explains of the whole picture, at least, over what one can.
 const HOLDS: f64 = 0.5;
 
-/// Ways along the pipette and blurs of its tip that a closer look begins at, px at the still detector's pixel size; and how many of
-/// these are fitted.
+/// Ways along the pipette and blurs of its tip that a closer look begins at, px at the still detector's pixel size; and how many
+/// of the pipettes that come of these, for each kernel, are looked at closest.
 const SHIFTS: [f64; 5] = [-24.0, -12.0, 0.0, 12.0, 24.0];
 const BLURS: [f64; 6] = [-18.0, -9.0, -2.0, 5.0, 12.0, 20.0];
-const CLOSER: usize = 4;
+const CLOSER: usize = 3;
 
 /// The pipette that explains most of a picture; `noise` is a standard deviation of one of its pixels. `None`: none does.
 pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bool) -> Option<Best> {
@@ -80,30 +81,32 @@ pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bo
     let gain = (coarse.squares - best.squares) / coarse.variance;
     // Nearer to the tip, once more from many pipettes there: the far shank alone is explained by wrong ones too.
     let near = Patch::about(levels.get(2).unwrap_or(coarsest), &best.at.cone, noise, unit);
-    let mut starts: Vec<(f64, Swinging)> = Vec::new();
-    for shift in SHIFTS {
-        for blur in BLURS {
-            let mut at = Swinging::from_array(prior.mean);
-            at.cone = Cone { blur: blur * unit, angle: best.at.cone.angle, ..at.cone };
-            let from = along(&best, shift).cone;
-            (at.cone.x, at.cone.y) = (from.x, from.y);
-            starts.push((near.cost(&prior, &mut at).1, at));
-        }
-    }
-    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut closer: Vec<Fitted> = std::iter::once(best.at)
-        .chain(starts.into_iter().take(CLOSER).map(|s| s.1))
-        .filter_map(|at| near.fit(&prior, at, 12))
-        .collect();
-    closer.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    // At the resolution that its blur asks for, by either kernel.
-    let fine = if closer.first()?.at.cone.blur.abs() > 10.0 * unit { 2 } else { 1 };
-    let near = Patch::about(levels.get(fine)?, &closer.first()?.at.cone, noise, unit);
-    let mut last: Vec<(Fitted, &'static Kernel)> = Vec::new();
+    let mut closer: Vec<(Fitted, &'static Kernel)> = Vec::new();
     for kernel in Kernel::both() {
         let patch = Patch { kernel, ..near.clone() };
-        last.extend(closer.iter().take(2).filter_map(|f| Some((patch.fit(&prior, f.at, 25)?, kernel))));
+        let start = |blur: f64| {
+            let started = SHIFTS.map(|shift| {
+                let Cone { x, y, angle, .. } = along(&best, shift).cone;
+                let mut at = Swinging::from_array(prior.mean);
+                at.cone = Cone { x, y, angle, blur: blur * unit, ..at.cone };
+                (patch.cost(&prior, &mut at).1, at)
+            });
+            started.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|s| s.1)
+        };
+        let starts = std::iter::once(best.at).chain(BLURS.into_iter().filter_map(start));
+        let fitted = starts.filter_map(|at| patch.fit(&prior, at, 12)).collect();
+        closer.extend(distinct(fitted, unit).into_iter().take(CLOSER).map(|f| (f, kernel)));
     }
+    closer.sort_by(|a, b| a.0.cost.total_cmp(&b.0.cost));
+    // At the resolution that its blur asks for.
+    let cone = &closer.first()?.0.at.cone;
+    let fine = if cone.blur.abs() > 10.0 * unit { 2 } else { 1 };
+    let near = Patch::about(levels.get(fine)?, cone, noise, unit);
+    let fitted = closer.iter().filter_map(|&(ref f, kernel)| {
+        let patch = Patch { kernel, ..near.clone() };
+        Some((patch.fit(&prior, f.at, 25)?, kernel))
+    });
+    let last: Vec<(Fitted, &'static Kernel)> = fitted.collect();
     let (last, kernel) = last.into_iter().min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))?;
     let patch = Patch { kernel, ..Patch::about(levels.get(fine - 1)?, &last.at.cone, noise, unit) };
     let last = patch.fit(&prior, last.at, 10)?;
@@ -119,6 +122,25 @@ pub fn best(levels: &[Level], noise: f64, unit: f64, allowed: impl Fn(f64) -> bo
     let left = (last.squares / (patch.variance * patch.mass)).max(1.0);
     Some(Best { cone: last.at.cone, error_along: (along.max(0.0) * left).sqrt(), gain: gain / left })
 }
+
+/// Best first, those that are the same once.
+fn distinct(mut fitted: Vec<Fitted>, unit: f64) -> Vec<Fitted> {
+    fitted.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let mut kept: Vec<Fitted> = Vec::new();
+    for f in fitted {
+        let same = |k: &Fitted| {
+            let (one, other) = (&k.at.cone, &f.at.cone);
+            (one.x - other.x).hypot(one.y - other.y) < SAME_PX * unit && (one.blur - other.blur).abs() < SAME_PX * unit
+        };
+        if !kept.iter().any(same) {
+            kept.push(f);
+        }
+    }
+    kept
+}
+
+/// Pipettes whose places and blurs differ by less are the same, px at the still detector's pixel size.
+const SAME_PX: f64 = 1.5;
 
 struct Prior {
     mean: [f64; NUMBERS],
