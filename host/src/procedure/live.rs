@@ -3,6 +3,7 @@
 use super::error::ProcedureError;
 use super::focus::{FocusTask, Focuser};
 use super::guard::{Guard, Pose};
+use super::level::level;
 use super::point::{Found, FramePixel, Hint, NotFound, PointFinder, Subject, Window, Witness};
 use crate::calibration::chain::{Pixel, Sensor};
 use crate::frames::camera::{Camera, Frame};
@@ -218,6 +219,21 @@ impl<'a> LiveRig<'a> {
         Ok(at)
     }
 
+    /// As [`Self::focus`] for what may be a tip: if one is seen there, its height is where its glass is sharp, not one of the
+    /// two peaks beside it.
+    ///
+    /// # Errors
+    /// As [`Self::focus`].
+    pub fn focus_tip(
+        &mut self,
+        axis: AxisName,
+        around: Pixel,
+        range: (Micrometres, Micrometres),
+    ) -> Result<Micrometres, ProcedureError> {
+        let at = self.focus(axis, around, range)?;
+        Ok(level(self, axis, around, range)?.unwrap_or(at))
+    }
+
     /// Looks for a point in a fresh frame. With `expected` and `within_px` (of the sensor) nothing farther off is taken.
     ///
     /// # Errors
@@ -303,7 +319,7 @@ impl<'a> LiveRig<'a> {
     }
 
     /// Depth of field of the objective in use, if the rig's file has it.
-    fn depth_of_field_um(&self) -> Option<f64> {
+    pub(super) fn depth_of_field_um(&self) -> Option<f64> {
         self.rig().contents().objectives.get(self.guard.objective()?)?.depth_of_field_um
     }
 
@@ -346,7 +362,7 @@ impl<'a> LiveRig<'a> {
         };
         let around = |at: Micrometres| (Micrometres(at.0 - reach_um), Micrometres(at.0 + reach_um));
         let here = self.pose()?.axis(z);
-        self.focus(z, rough, around(here))?;
+        self.focus_tip(z, rough, around(here))?;
         let again = |live: &mut Self, finder: &mut dyn PointFinder, near: Pixel| match expected {
             Some(_) => live.find(finder, subject, Some(near), None),
             None => live.find_agreed(finder, subject),
@@ -358,7 +374,7 @@ impl<'a> LiveRig<'a> {
             return Ok(seen);
         }
         let here = self.pose()?.axis(z);
-        self.focus(z, seen.pixel, around(here))?;
+        self.focus_tip(z, seen.pixel, around(here))?;
         again(self, finder, seen.pixel)
     }
 }

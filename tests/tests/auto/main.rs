@@ -3,6 +3,7 @@
 mod by_markers;
 mod eyes;
 mod faults;
+mod heights;
 mod recalibrated;
 mod rendered;
 mod seen;
