@@ -78,10 +78,11 @@ pub(super) fn level(
 
 /// The blur of the tip at a place, in a fresh frame.
 fn blur(live: &mut LiveRig<'_>, around: Pixel) -> Result<Option<f64>, ProcedureError> {
-    let frame = live.fresh_frame()?;
     let window = live.window();
     let (part, at) = (window.region(around, SIDE), window.to_frame(around));
-    let Ok(view) = frame.picture.view().crop(part).map_err(drop) else { return Ok(None) };
+    let (frame, left) = live.fresh_part(Some(part))?;
+    let whole = frame.picture.view();
+    let Ok(view) = left.map_or(Ok(whole), |part| whole.crop(part)) else { return Ok(None) };
     let off = |x: f64, y: f64| (x + part.x as f64 - at.x_px).hypot(y + part.y as f64 - at.y_px);
     let tips = detect_all(&view, &Expect::default());
     let near = tips.iter().map(|tip| (off(tip.x_px, tip.y_px), tip.blur_px)).filter(|(off, _)| *off <= NEAR_PX);

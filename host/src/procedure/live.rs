@@ -8,6 +8,7 @@ use super::point::{Found, FramePixel, Hint, NotFound, PointFinder, Subject, Wind
 use crate::calibration::chain::{Pixel, Sensor};
 use crate::frames::camera::{Camera, Frame};
 use crate::link::transport::later;
+use crate::picture::Roi;
 use crate::rig::{AxisName, Coordinate, Device, Rig};
 use crate::stage::Stage;
 use nalgebra::Vector3;
@@ -171,6 +172,11 @@ impl<'a> LiveRig<'a> {
     /// # Errors
     /// The camera is gone, or shows only the past.
     pub fn fresh_frame(&mut self) -> Result<Frame, ProcedureError> {
+        self.fresh_part(None).map(|(frame, _)| frame)
+    }
+
+    /// As [`Self::fresh_frame`] when only a part of it matters; what remains to be cut out of the frame comes with it.
+    pub(super) fn fresh_part(&mut self, part: Option<Roi>) -> Result<(Frame, Option<Roi>), ProcedureError> {
         let since = self.guard.moved();
         let deadline: HostTime = later(self.guard.stage().now(), PATIENCE_MS);
         let mut arrived = false;
@@ -178,10 +184,10 @@ impl<'a> LiveRig<'a> {
             if !self.guard.keep_on() {
                 return Err(crate::stage::StageError::Interrupted.into());
             }
-            let Some(frame) = self.camera.next_frame(deadline)? else { break };
+            let Some((frame, left)) = self.camera.next_part(deadline, part)? else { break };
             match frame.exposure {
-                Some((begin, _)) if begin >= since => return Ok(frame),
-                None if frame.arrival >= since && arrived => return Ok(frame),
+                Some((begin, _)) if begin >= since => return Ok((frame, left)),
+                None if frame.arrival >= since && arrived => return Ok((frame, left)),
                 None => arrived |= frame.arrival >= since,
                 Some(_) => {}
             }
