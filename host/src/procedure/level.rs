@@ -11,12 +11,11 @@ use crate::rig::AxisName;
 use crate::tip::{Expect, detect_all};
 use parfocal_protocol::units::Micrometres;
 
-/// Heights at which a tip is looked at, in depths of field: from where a scan left it, then from where those say its focus is.
-const FIRST: [f64; 5] = [-4.0, -2.0, 0.0, 2.0, 4.0];
-const THEN: [f64; 7] = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0];
-/// Of those, so many at least have to show it.
-const FIRST_LEAST: usize = 3;
-const THEN_LEAST: usize = 5;
+/// Heights at which a tip is looked at, in depths of field: two by two from where a scan left it, until they lie on a line…
+const FIRST: [[f64; 2]; 2] = [[-4.0, 4.0], [-2.0, 2.0]];
+/// … then about where that is zero, of which so many at least have to show it.
+const THEN: [f64; 6] = [-2.5, -1.5, -0.5, 0.5, 1.5, 2.5];
+const LEAST: usize = 4;
 /// The focus is no farther from the peak that a scan found, depths of field.
 const FARTHEST: f64 = 8.0;
 /// What a depth of field adds to a tip's blur, px of the frame: 2.6 through the objectives that were looked at, at 0.32 µm
@@ -42,38 +41,42 @@ pub(super) fn level(
     around: Pixel,
     range: (Micrometres, Micrometres),
 ) -> Result<Option<Micrometres>, ProcedureError> {
-    if blur(live, around)?.is_none() {
-        return Ok(None);
-    }
-    let depth = live.depth_of_field_um().unwrap_or(1.0);
+    let Some(here) = blur(live, around)? else { return Ok(None) };
     let start = live.pose()?.axis(axis);
-    let mut ladder = |from: f64, rungs: &[f64], least: usize| -> Result<Option<f64>, ProcedureError> {
-        let mut blurs: Vec<Blur> = Vec::new();
-        for rung in rungs {
-            let at = from + rung * depth;
-            if at < range.0.0 || at > range.1.0 {
-                continue;
-            }
+    let depth = live.depth_of_field_um().unwrap_or(1.0);
+    let (low, high) = (range.0.0.max(start.0 - FARTHEST * depth), range.1.0.min(start.0 + FARTHEST * depth));
+    let mut look = |blurs: &mut Vec<Blur>, from: f64, rungs: &[f64]| -> Result<(), ProcedureError> {
+        for at in rungs.iter().map(|rung| from + rung * depth).filter(|at| (range.0.0..=range.1.0).contains(at)) {
             match live.move_to(&[(axis, Micrometres(at))]) {
                 Ok(()) => blurs.extend(blur(live, around)?.map(|blur| (at, blur))),
                 Err(error) if error.is_local() => {}
                 Err(error) => return Err(error),
             }
         }
-        let zero = (blurs.len() >= least).then(|| zero(&blurs, depth)).flatten();
-        Ok(zero.filter(|at| (range.0.0..=range.1.0).contains(at) && (at - start.0).abs() <= FARTHEST * depth))
+        Ok(())
     };
-    let focus = match ladder(start.0, &FIRST, FIRST_LEAST)? {
-        Some(rough) => ladder(rough, &THEN, THEN_LEAST)?,
-        None => None,
-    };
-    let at = focus.map_or(start, Micrometres);
+    let focus = |blurs: &[Blur]| zero(blurs, depth).filter(|at| (low..=high).contains(at));
+    let mut blurs = vec![(start.0, here)];
+    let mut found = None;
+    for rungs in FIRST {
+        look(&mut blurs, start.0, &rungs)?;
+        found = if blurs.len() > 2 { focus(&blurs) } else { None };
+        if found.is_some() {
+            break;
+        }
+    }
+    if let Some(rough) = found {
+        blurs.clear();
+        look(&mut blurs, rough, &THEN)?;
+        found = if blurs.len() >= LEAST { focus(&blurs) } else { None };
+    }
+    let at = found.map_or(start, Micrometres);
     live.move_to(&[(axis, at)])?;
-    live.tell(match focus {
+    live.tell(match found {
         Some(_) => Progress::Focused { axis, at },
         None => Progress::Warning("the tip's blur does not tell its height; it is that of its sharpest edge".into()),
     });
-    Ok(focus.map(Micrometres))
+    Ok(found.map(Micrometres))
 }
 
 /// The blur of the tip at a place, in a fresh frame.

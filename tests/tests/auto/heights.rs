@@ -81,7 +81,7 @@ fn an_objectives_height_is_right_by_a_tip() {
     let world = World::new(model(2, 1.0));
     let truth = world.lock().model().clone();
     let names = vec!["40x".into(), "20x".into()];
-    let plan = ObjectivePlan { names, subject: Subject::Tip(m1()), places: 3, seed: 1, focus_within_um: 30.0 };
+    let plan = ObjectivePlan { names, subject: Subject::Tip(m1()), places: 1, seed: 1, focus_within_um: 30.0 };
     let mut recorder = Recorder::memory(Purpose::Microscope);
     let mut turret = |name: &str| if world.lock().set_objective(name) { Ok(()) } else { Err("no such".into()) };
     work(&world, |live| {
