@@ -267,7 +267,7 @@ impl Gaze {
         let mut around = rough.pixel;
         for _ in 0..3 {
             let here = live.pose()?.axis(focus_axis()).0;
-            live.focus(focus_axis(), around, (Micrometres(here - reach_um), Micrometres(here + reach_um)))?;
+            live.focus_tip(focus_axis(), around, (Micrometres(here - reach_um), Micrometres(here + reach_um)))?;
             let seen = self.look(live, eyes, Some(rough), false)?;
             // Focused on something beside it: once more, on itself.
             if apart(seen.pixel, around) <= FOCUSED_PX {

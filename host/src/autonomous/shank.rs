@@ -40,16 +40,15 @@ pub fn follow(live: &mut LiveRig<'_>, chain: &Chain, tip: &Seen) -> Result<Vec<V
         if !live.window().shows(pixel, STEP_PX) {
             break;
         }
+        // All of them, the tip too, by the peak of the same measure: what it is off by is the same everywhere.
         let here = live.pose()?.axis(focus_axis()).0;
-        if k > 0 {
-            match live.focus(focus_axis(), pixel, (Micrometres(here - REACH_UM), Micrometres(here + REACH_UM))) {
-                Ok(_) => {}
-                Err(error) if error.is_local() => {
-                    live.tell(Progress::Passed(format!("the shank: {error}")));
-                    continue;
-                }
-                Err(error) => return Err(error.into()),
+        match live.focus(focus_axis(), pixel, (Micrometres(here - REACH_UM), Micrometres(here + REACH_UM))) {
+            Ok(_) => {}
+            Err(error) if error.is_local() => {
+                live.tell(Progress::Passed(format!("the shank: {error}")));
+                continue;
             }
+            Err(error) => return Err(error.into()),
         }
         let microscope = live.microscope()?;
         places.push(chain.pixel_to_ref(microscope, pixel).coordinates);

@@ -3,10 +3,12 @@
 use super::error::ProcedureError;
 use super::focus::{FocusTask, Focuser};
 use super::guard::{Guard, Pose};
+use super::level::level;
 use super::point::{Found, FramePixel, Hint, NotFound, PointFinder, Subject, Window, Witness};
 use crate::calibration::chain::{Pixel, Sensor};
 use crate::frames::camera::{Camera, Frame};
 use crate::link::transport::later;
+use crate::picture::Roi;
 use crate::rig::{AxisName, Coordinate, Device, Rig};
 use crate::stage::Stage;
 use nalgebra::Vector3;
@@ -170,6 +172,11 @@ impl<'a> LiveRig<'a> {
     /// # Errors
     /// The camera is gone, or shows only the past.
     pub fn fresh_frame(&mut self) -> Result<Frame, ProcedureError> {
+        self.fresh_part(None).map(|(frame, _)| frame)
+    }
+
+    /// As [`Self::fresh_frame`] when only a part of it matters; what remains to be cut out of the frame comes with it.
+    pub(super) fn fresh_part(&mut self, part: Option<Roi>) -> Result<(Frame, Option<Roi>), ProcedureError> {
         let since = self.guard.moved();
         let deadline: HostTime = later(self.guard.stage().now(), PATIENCE_MS);
         let mut arrived = false;
@@ -177,10 +184,10 @@ impl<'a> LiveRig<'a> {
             if !self.guard.keep_on() {
                 return Err(crate::stage::StageError::Interrupted.into());
             }
-            let Some(frame) = self.camera.next_frame(deadline)? else { break };
+            let Some((frame, left)) = self.camera.next_part(deadline, part)? else { break };
             match frame.exposure {
-                Some((begin, _)) if begin >= since => return Ok(frame),
-                None if frame.arrival >= since && arrived => return Ok(frame),
+                Some((begin, _)) if begin >= since => return Ok((frame, left)),
+                None if frame.arrival >= since && arrived => return Ok((frame, left)),
                 None => arrived |= frame.arrival >= since,
                 Some(_) => {}
             }
@@ -216,6 +223,21 @@ impl<'a> LiveRig<'a> {
         let at = focused?;
         self.tell(Progress::Focused { axis, at });
         Ok(at)
+    }
+
+    /// As [`Self::focus`] for what may be a tip: if one is seen there, its height is where its glass is sharp, not one of the
+    /// two peaks beside it.
+    ///
+    /// # Errors
+    /// As [`Self::focus`].
+    pub fn focus_tip(
+        &mut self,
+        axis: AxisName,
+        around: Pixel,
+        range: (Micrometres, Micrometres),
+    ) -> Result<Micrometres, ProcedureError> {
+        let at = self.focus(axis, around, range)?;
+        Ok(level(self, axis, around, range)?.unwrap_or(at))
     }
 
     /// Looks for a point in a fresh frame. With `expected` and `within_px` (of the sensor) nothing farther off is taken.
@@ -303,7 +325,7 @@ impl<'a> LiveRig<'a> {
     }
 
     /// Depth of field of the objective in use, if the rig's file has it.
-    fn depth_of_field_um(&self) -> Option<f64> {
+    pub(super) fn depth_of_field_um(&self) -> Option<f64> {
         self.rig().contents().objectives.get(self.guard.objective()?)?.depth_of_field_um
     }
 
@@ -346,7 +368,7 @@ impl<'a> LiveRig<'a> {
         };
         let around = |at: Micrometres| (Micrometres(at.0 - reach_um), Micrometres(at.0 + reach_um));
         let here = self.pose()?.axis(z);
-        self.focus(z, rough, around(here))?;
+        self.focus_tip(z, rough, around(here))?;
         let again = |live: &mut Self, finder: &mut dyn PointFinder, near: Pixel| match expected {
             Some(_) => live.find(finder, subject, Some(near), None),
             None => live.find_agreed(finder, subject),
@@ -358,7 +380,7 @@ impl<'a> LiveRig<'a> {
             return Ok(seen);
         }
         let here = self.pose()?.axis(z);
-        self.focus(z, seen.pixel, around(here))?;
+        self.focus_tip(z, seen.pixel, around(here))?;
         again(self, finder, seen.pixel)
     }
 }

@@ -18,6 +18,7 @@ mod follow;
 mod guard;
 mod into_view;
 mod jog;
+mod level;
 mod live;
 mod objective;
 pub mod obstacles;

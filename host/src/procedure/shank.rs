@@ -68,17 +68,16 @@ fn along(
         if !live.window().shows(pixel, plan.step_px / 2.0) {
             break;
         }
-        if k > 0 {
-            let here = live.pose()?.axis(z);
-            let range = (Micrometres(here.0 - plan.focus_within_um), Micrometres(here.0 + plan.focus_within_um));
-            match live.focus(z, pixel, range) {
-                Ok(_) => {}
-                Err(error) if error.is_local() => {
-                    live.tell(Progress::Passed(error.to_string()));
-                    continue;
-                }
-                Err(error) => return Err(error),
+        // All of them, the tip too, by the peak of the same measure: what it is off by is the same everywhere.
+        let here = live.pose()?.axis(z);
+        let range = (Micrometres(here.0 - plan.focus_within_um), Micrometres(here.0 + plan.focus_within_um));
+        match live.focus(z, pixel, range) {
+            Ok(_) => {}
+            Err(error) if error.is_local() => {
+                live.tell(Progress::Passed(error.to_string()));
+                continue;
             }
+            Err(error) => return Err(error),
         }
         let pose = live.pose()?;
         let mic_um = pose.microscope(live.rig());

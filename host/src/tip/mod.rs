@@ -36,6 +36,9 @@ pub struct Tip {
     pub angle_deg: f64,
     /// How sure the detector is, 0 to 1.
     pub confidence: f64,
+    /// Blur radius of the tip's glass, px: 0 in focus, positive for a tip above the focal plane, negative for one below.
+    #[serde(skip)]
+    pub blur_px: f64,
 }
 
 /// What is asked for.
@@ -136,7 +139,12 @@ fn look(view: &View<'_>, expect: &Expect, most: usize, noise: fn(&Level) -> f64)
         .take(most)
         .map(|h| settle(&levels, h, noise, expect))
         .filter(|tip| tip.confidence >= expect.confidence && inside(width, height, tip.x_px, tip.y_px))
-        .map(|tip| Tip { x_px: (tip.x_px + 0.5) * scale - 0.5, y_px: (tip.y_px + 0.5) * scale - 0.5, ..tip })
+        .map(|tip| Tip {
+            x_px: (tip.x_px + 0.5) * scale - 0.5,
+            y_px: (tip.y_px + 0.5) * scale - 0.5,
+            blur_px: tip.blur_px * scale,
+            ..tip
+        })
         .collect()
 }
 
@@ -184,5 +192,6 @@ fn settle(levels: &[Level], best: &Hypothesis, noise: f64, expect: &Expect) -> T
         y_px: y,
         angle_deg: if degrees > 180.0 { degrees - 360.0 } else { degrees },
         confidence: 1.0 / (1.0 + (-log_odds).exp()),
+        blur_px: cone.blur,
     }
 }

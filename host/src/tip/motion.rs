@@ -99,6 +99,7 @@ pub fn detect_vibrating(
         y_px: (b.cone.y + 0.5) * scale - 0.5,
         angle_deg: (b.cone.angle.to_degrees() + 180.0).rem_euclid(360.0) - 180.0,
         confidence: b.confidence(),
+        blur_px: b.cone.blur * scale,
     });
     Ok(tip.filter(|tip| tip.confidence >= expect.confidence))
 }

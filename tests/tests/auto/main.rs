@@ -3,6 +3,7 @@
 mod by_markers;
 mod eyes;
 mod faults;
+mod heights;
 mod into_view;
 mod recalibrated;
 mod rendered;
