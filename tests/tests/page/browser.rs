@@ -193,6 +193,8 @@ fn camera_and_manipulator_are_calibrated_by_clicks() {
         s["calibration"]["samples"].as_array().unwrap().iter().any(|r| r["undone"] == true)
     });
     let last = state["calibration"]["samples"].as_array().unwrap().len() - 1;
+    // The page hears of it a moment later than whoever asks; until then its button still means the opposite.
+    browser.until(&format!("return document.getElementById('undo-{last}').textContent === 'Take in again'"), PATIENCE);
     browser.click(&format!("#undo-{last}"));
     let state = served.until("it is in again", PATIENCE, |s| {
         s["calibration"]["samples"].as_array().unwrap().iter().all(|r| r["undone"] == false)
