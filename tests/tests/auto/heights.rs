@@ -76,9 +76,7 @@ fn a_tip_is_as_high_through_any_objective() {
     }
 }
 
-/// `cargo nextest run --release -p parfocal-tests --test auto --run-ignored only heights`
 #[test]
-#[ignore = "ten seconds in release, minutes in the dev profile; the one above asks the same of single focusings"]
 fn an_objectives_height_is_right_by_a_tip() {
     let world = World::new(model(2, 1.0));
     let truth = world.lock().model().clone();
